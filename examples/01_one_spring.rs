@@ -11,7 +11,7 @@ use palpate::unstable::{
 use palpate::{Contacts, EstimatorConfig, EstimatorKind, Lattice, Prior, Robot};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    // The robot is a URDF; its links need no shapes here, since we say ourselves what it touches.
+    // The robot is a URDF; its links need no shapes here, since the contact is given below.
     let robot = Robot::from_urdf(
         "<robot name='hinge'><link name='base'/><link name='rod'/>
            <joint name='hinge' type='continuous'>

@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use crate::Args;
 
-/// The command, and what all its runs have in common.
+/// The command, with the arguments that all its runs share.
 pub(crate) struct Command {
     palpate: PathBuf,
     logs: Vec<PathBuf>,
@@ -21,7 +21,7 @@ pub(crate) struct Command {
     rate_hz: Option<f64>,
 }
 
-/// What one run found.
+/// The results of one run.
 #[derive(Debug, Clone, Deserialize)]
 pub(crate) struct Measured {
     pub(crate) touches: usize,
@@ -37,7 +37,7 @@ pub(crate) struct Measured {
     pub(crate) cells_touched: usize,
     /// First and last touched cell along x, y and z.
     pub(crate) cells_touched_box: [[u32; 3]; 2],
-    /// All that the command printed.
+    /// The whole output of the command.
     #[serde(skip)]
     pub(crate) json: Value,
 }
@@ -105,7 +105,7 @@ impl Command {
 }
 
 impl Measured {
-    /// Time of a step by the points it touches, µs.
+    /// Median time of a step, divided by its median number of contacts, µs.
     pub(crate) fn us_per_contact(&self) -> f64 {
         1e3 * self.step_ms.median / self.contacts
     }

@@ -1,7 +1,7 @@
 //! The lower bound: the least time that this machine needs to visit one contact.
 //!
-//! A *visit* of `map` reads what a remembered frame holds of each contact, predicts from it and
-//! corrects by it. In the layout of the core, these bytes must come from memory, or go there:
+//! A *visit* of `map` reads the data of each contact in a remembered frame, predicts with them and
+//! corrects. With the memory layout of the core, these bytes must be read from memory or written to it:
 //!
 //! | of       | what                               | bytes |
 //! |----------|------------------------------------|-------|
@@ -9,13 +9,12 @@
 //! | a cell   | rest point, its unknown z          | 24, 8 |
 //! | a cell   | z, written back                    | 8     |
 //!
-//! Divided by the bandwidth at which one thread reads a buffer that no cache holds, they give the
-//! lower bound. Where the cells stay in the cache, only the 16 bytes of the frame come from memory:
-//! a visit may be faster than the first bound, but never than this second one. `ekf` moves more (a
-//! variance and its step too) and is compared with the same bounds.
+//! Divided by the bandwidth at which one thread reads a buffer larger than the caches, they give the
+//! lower bound. If the cells stay in the cache, only the 16 bytes of the frame come from memory: a
+//! visit may be faster than the first bound, but never faster than this second one. `ekf` moves more
+//! bytes (also a variance and its step) and is compared with the same bounds.
 //!
-//! Arithmetic is measured in the registers that the sums over contacts use, a multiplication and an
-//! addition in one instruction.
+//! Arithmetic is measured as fused multiply-adds in the registers that the sums over contacts use.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -34,50 +33,49 @@ const CELL_BYTES: f64 = 32.0;
 const WRITTEN_BYTES: f64 = 8.0;
 /// Bytes that a visit of one contact moves.
 const VISIT_BYTES: f64 = FRAME_BYTES + CELL_BYTES + WRITTEN_BYTES;
-/// Operations of such a visit, a multiplication and an addition in one: to predict, K (1), the force
-/// (3), its sum (3) and that of its moment (6); to correct, the velocity (6), its product with the
-/// displacement (3) and z (1).
+/// Fused multiply-adds of a visit of one contact: to predict, K (1), the force (3), its sum (3) and
+/// that of its moment (6); to correct, the velocity (6), its product with the displacement (3) and
+/// z (1).
 const VISIT_OPERATIONS: f64 = 23.0;
 
-/// The buffer that is read, bytes: far larger than the caches of most machines.
+/// Size of the buffer that is read, bytes: far larger than the caches of most machines.
 const BUFFER_BYTES: usize = 256 << 20;
-/// The least that says anything, bytes.
+/// Smallest size of the buffer that is tried if memory is short, bytes.
 const LEAST_BUFFER_BYTES: usize = 16 << 20;
-/// Sweeps over it, of which the median counts.
+/// Number of sweeps over the buffer; their median counts.
 const SWEEPS: usize = 15;
-/// Sums that run side by side, so that memory is waited for and not the last addition.
+/// Number of independent sums, so that the memory limits the time and not the additions.
 const LANES: usize = 16;
 
-/// Multiply-adds side by side: as many registers as leave room for their two factors.
+/// Number of independent chains of multiply-adds, which leaves registers for factor and summand.
 const CHAINS: usize = 12;
-/// How often each of them goes on in one measurement.
+/// Length of each chain in one measurement.
 const ROUNDS: u32 = 1_000_000;
 
-/// The machine, and what it allows.
+/// The measured speed of the machine, and the lower bounds that follow from it.
 #[derive(Debug, Serialize)]
 pub(crate) struct LowerBound {
-    /// Sequential reads of one thread, 10⁹ bytes a second.
+    /// Sequential reads of one thread, 10⁹ bytes per second.
     pub(crate) bandwidth_gb_per_s: f64,
-    /// Operations of one thread in registers, f64, a multiplication and an addition in one, 10⁹ a
-    /// second.
+    /// Fused multiply-adds of one thread in registers, f64, 10⁹ per second.
     pub(crate) goperations_per_s: f64,
-    /// A visit of one contact at that bandwidth, ns.
+    /// Time of a visit of one contact at this bandwidth, ns.
     pub(crate) ns_per_visit: f64,
-    /// The same if only the frame comes from memory, ns.
+    /// Time of a visit if only the frame comes from memory, ns.
     pub(crate) frame_only_ns_per_visit: f64,
-    /// A visit of one contact at that rate of arithmetic, ns.
+    /// Time of a visit of one contact at this rate of arithmetic, ns.
     pub(crate) arithmetic_ns_per_visit: f64,
 }
 
 impl LowerBound {
-    /// Measures the machine, which takes less than a second, and 256 MiB.
+    /// Measures the machine, which takes less than a second and 256 MiB of memory.
     pub(crate) fn measure() -> Self {
         Self::of(bandwidth_gb_per_s(), goperations_per_s())
     }
 
     /// The bounds of a machine.
     fn of(bandwidth_gb_per_s: f64, goperations_per_s: f64) -> Self {
-        // A billion a second is one a nanosecond.
+        // 10⁹ per second is one per nanosecond.
         Self {
             bandwidth_gb_per_s,
             goperations_per_s,
@@ -87,7 +85,7 @@ impl LowerBound {
         }
     }
 
-    /// Two lines for people.
+    /// The bounds as two lines of text.
     pub(crate) fn text(&self) -> String {
         format!(
             "the least that memory allows      {:.2} ns: {VISIT_BYTES} bytes at {:.1} GB/s ({:.2} \
@@ -103,7 +101,7 @@ impl LowerBound {
     }
 }
 
-/// Bandwidth of sequential reads of one thread, 10⁹ bytes a second.
+/// Bandwidth of sequential reads of one thread, 10⁹ bytes per second.
 fn bandwidth_gb_per_s() -> f64 {
     let buffer = buffer();
     let bytes = size_of_val(buffer.as_slice()) as f64;
@@ -112,7 +110,7 @@ fn bandwidth_gb_per_s() -> f64 {
     })
 }
 
-/// A buffer as large as there is memory for, every page of it written.
+/// A buffer, smaller if memory is short, with every page written.
 fn buffer() -> Vec<u64> {
     let mut buffer = Vec::new();
     let mut bytes = BUFFER_BYTES;
@@ -120,7 +118,7 @@ fn buffer() -> Vec<u64> {
     {
         bytes /= 2;
     }
-    // Pages that were never written are all the same page of zeros, which a cache holds.
+    // Pages that were never written all map to the same page of zeros, which stays in a cache.
     buffer.extend(1..=(bytes / size_of::<u64>()) as u64);
     buffer
 }
@@ -135,7 +133,7 @@ fn sum(buffer: &[u64]) -> u64 {
     lanes.iter().fold(0, |total, lane| total.wrapping_add(*lane))
 }
 
-/// Operations of one thread, a multiplication and an addition in one, 10⁹ a second.
+/// Fused multiply-adds of one thread, 10⁹ per second.
 fn goperations_per_s() -> f64 {
     let arch = Arch::new();
     let work = MultiplyAdd { factor: 0.999, summand: 1e-3 };
@@ -153,7 +151,7 @@ struct MultiplyAdd {
 }
 
 impl WithSimd for MultiplyAdd {
-    /// Every lane of every chain.
+    /// The last value of every lane of every chain.
     type Output = Vec<f64>;
 
     #[inline(always)]
@@ -169,7 +167,7 @@ impl WithSimd for MultiplyAdd {
     }
 }
 
-/// The median rate of several runs of some work, 10⁹ units a second.
+/// The median rate over several runs of some work, 10⁹ units per second.
 fn median_rate(units: f64, work: impl Fn()) -> f64 {
     let run = |_| {
         let start = Instant::now();

@@ -1,10 +1,10 @@
-//! `palpate-bench`: how the time of a step depends on the lattice, and how far it is from what the
-//! machine allows.
+//! `palpate-bench`: how the time of a step depends on the lattice, and how far it is from the lower
+//! bound of the machine.
 //!
-//! A tool for developers, which makes the tables of BENCHMARKS.md. Every measurement is a run of the
-//! command `palpate bench --json` in a process of its own ([`command`]), so that its peak of memory
-//! is its own and nothing shares the machine with it. [`lower_bound`] measures the machine,
-//! [`sweep`] says which lattices are measured, [`rounds`] how often.
+//! A tool for developers, which makes the tables of BENCHMARKS.md. Every measurement is a separate
+//! process of the command `palpate bench --json` ([`command`]), one after the other, so that its peak
+//! memory includes nothing else. [`lower_bound`] measures the machine, [`sweep`] defines the lattices
+//! to measure, [`rounds`] repeats the measurements.
 
 mod command;
 mod lower_bound;
@@ -23,19 +23,19 @@ use command::{Command, Measured};
 use lower_bound::LowerBound;
 use sweep::{Sweep, Sweeps};
 
-/// Measures `palpate bench` for lattices of several sizes, and compares it with what memory and
-/// arithmetic of this machine allow.
+/// Measures `palpate bench` for lattices of several sizes, and compares it with the lower bounds set by
+/// memory and arithmetic of this machine.
 #[derive(Debug, Parser)]
 #[command(name = "palpate-bench", max_term_width = 100)]
 struct Args {
     /// Logs to learn from; without any, the bundled touches, which are simulated
     #[arg(value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Also measure other lattices: worlds of 50 to 1000 points a side about what is touched, and
-    /// cells of 2.4 to 0.5 cm in the same box
+    /// Also measure other lattices: `worlds` of 50 to 1000 points per side around the touched cells, or
+    /// `cells` of 2.4 to 0.5 cm in the same box
     #[arg(long, value_name = "WHAT", value_delimiter = ',')]
     sweep: Vec<Sweep>,
-    /// How often every row of a sweep is measured; the round with the middle median counts
+    /// Number of measurements of every row of a sweep; the one with the middle median counts
     #[arg(long, value_name = "N", default_value_t = 3, requires = "sweep",
           value_parser = clap::value_parser!(u32).range(1..))]
     rounds: u32,
@@ -48,7 +48,7 @@ struct Args {
     /// Passes through the log with the clock running
     #[arg(long, value_name = "N", default_value_t = 1)]
     passes: u32,
-    /// Steps a second to keep to, Hz
+    /// Rate of the steps, Hz
     #[arg(long, value_name = "HZ")]
     rate: Option<f64>,
     /// The command to measure [default: `palpate` beside this program]
@@ -103,7 +103,7 @@ fn run(args: &Args) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The lattice of the settings beside the lower bound.
+/// The times for the lattice of the settings, with the lower bound, as text.
 fn text(figures: &Measured, bound: &LowerBound, ratio: f64) -> String {
     format!(
         "step, median                      {:.3} ms for {:.0} contacts\n\

@@ -1,8 +1,8 @@
 //! Rows measured several times, in rounds over all of them.
 //!
-//! A machine that does other things too is slow for seconds at a time. Measuring a row several
-//! times in a row would leave all of its runs in one such spell; in rounds every row gets its share
-//! of them, and its middle run is the one that they changed least.
+//! A machine that also does other work is slow for seconds at a time. If the runs of a row directly
+//! followed each other, all of them could fall into one slow period. In rounds, slow periods affect
+//! runs of all rows, and the middle run of each row is affected least.
 
 /// Runs `once` for every row, then for every row again, and so on; returns the runs of each row.
 ///
@@ -21,8 +21,8 @@ pub(crate) fn measure<L, F, E>(
     Ok(runs)
 }
 
-/// For each row the middle one, over the rounds, of its value by the mean of all rows: within a
-/// round, all rows met the same machine.
+/// For each row, the median over the rounds of its value divided by the mean of all rows: within a
+/// round, the machine was about equally fast for all rows.
 pub(crate) fn ratios_to_mean(rows: &[Vec<f64>]) -> Vec<f64> {
     let mean = |round: usize| rows.iter().map(|row| row[round]).sum::<f64>() / rows.len() as f64;
     let of = |row: &Vec<f64>| {
@@ -33,7 +33,7 @@ pub(crate) fn ratios_to_mean(rows: &[Vec<f64>]) -> Vec<f64> {
     rows.iter().map(of).collect()
 }
 
-/// Where the middle of some numbers stands; the lower one if two are in the middle.
+/// Index of the median of some numbers; of the lower one if two are in the middle.
 pub(crate) fn middle(numbers: &[f64]) -> usize {
     let mut places: Vec<usize> = (0..numbers.len()).collect();
     places.sort_by(|&a, &b| numbers[a].total_cmp(&numbers[b]));
@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_middle_is_the_run_with_as_many_below_as_above() {
+    fn the_middle_has_as_many_runs_below_as_above() {
         assert_eq!(middle(&[7.0]), 0);
         assert_eq!(middle(&[3.0, 1.0, 2.0]), 2);
         assert_eq!(middle(&[9.0, 2.0]), 1);

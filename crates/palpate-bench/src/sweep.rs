@@ -1,12 +1,12 @@
-//! Lattices of other sizes: does a step cost what it touches?
+//! Lattices of other sizes: does the time of a step depend only on its number of contacts?
 //!
-//! *Worlds* have the spacing of the settings and from 50 to 1000 points a side, about the middle of
-//! what the lattice of the settings touches. Their first points lie whole spacings apart, so that
-//! all worlds have the same rest points wherever they overlap. *Cells* fill the box of the settings
-//! at other spacings.
+//! *Worlds* have the spacing of the settings and from 50 to 1000 points per side, around the middle
+//! of the cells touched in the lattice of the settings. Their first points are whole spacings
+//! apart, so that all worlds have the same rest points where they overlap. *Cells* fill the box of
+//! the settings at other spacings.
 //!
 //! Rows are compared by their time per contact, each as a multiple of the mean of its table. All
-//! rows are measured `--rounds` times, and each counts by its middle run.
+//! rows are measured `--rounds` times, and the run with the middle median counts.
 
 use std::error::Error;
 
@@ -22,31 +22,31 @@ use crate::rounds::{self, middle, ratios_to_mean};
 const WORLDS: [u32; 5] = [50, 100, 200, 400, 1000];
 /// Spacings of the cells, m.
 const CELLS_M: [f64; 4] = [0.024, 0.012, 0.008, 0.005];
-/// Touches of a row, unless `--touches` says how many.
+/// Number of touches for each row, without `--touches`.
 const TOUCHES: u32 = 3;
 
 /// What is varied.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum Sweep {
-    /// Points a side, at the same spacing
+    /// Number of points per side, at the same spacing
     Worlds,
     /// Spacing, in the same box
     Cells,
 }
 
-/// What was measured; `None` where nothing was asked for.
+/// The measured tables; `None` for a table that was not requested.
 pub(crate) struct Sweeps {
     worlds: Option<Vec<Row>>,
     cells: Option<Vec<Row>>,
 }
 
-/// What was found of one lattice.
+/// The results for one lattice.
 struct Row {
     /// The run whose step median is the middle one.
     run: Measured,
-    /// Step medians of all its runs, in the order of the rounds, ms.
+    /// Median time of a step in each run, in the order of the rounds, ms.
     rounds: Vec<f64>,
-    /// Time of a step by the points it touches, as a multiple of the mean of all rows.
+    /// Time of a step per contact, as a multiple of the mean of all rows.
     ratio: f64,
 }
 
@@ -56,7 +56,8 @@ pub(crate) fn cells(base: &Lattice) -> Result<Vec<Lattice>, LatticeError> {
     CELLS_M.iter().map(|&spacing_m| Lattice::filling(low_m, high_m, spacing_m)).collect()
 }
 
-/// Lattices of the same cells about the box of the touched ones, on the rest points of the base.
+/// Lattices with the spacing of `base`, around the box of the touched cells, with the same rest
+/// points.
 pub(crate) fn worlds(
     base: &Lattice,
     touched: &[[u32; 3]; 2],
@@ -128,7 +129,7 @@ const HEAD: &str = "\
 ";
 
 impl Row {
-    /// The rows of a table from their runs, of which all have had equally many and at least one.
+    /// The rows of a table from their runs; all rows have the same number of runs, at least one.
     fn compare(rows: Vec<Vec<Measured>>) -> Vec<Self> {
         let per_contact = rows.iter().map(|runs| runs.iter().map(Measured::us_per_contact));
         let ratios = ratios_to_mean(&per_contact.map(Iterator::collect).collect::<Vec<_>>());
@@ -167,7 +168,7 @@ impl Row {
     }
 }
 
-/// Points along the sides: one number if they are alike.
+/// Points along the sides: one number if all sides are equal.
 fn sides(shape: [u32; 3]) -> String {
     match shape {
         [nx, ny, nz] if nx == ny && ny == nz => format!("{nx}³"),

@@ -75,7 +75,7 @@ fn a_sweep_measures_every_lattice_in_every_round() {
     let more = ["--sweep", "worlds,cells", "--warm-passes", "0", "--rounds", "3", "--json"];
     let figures: Value = serde_json::from_str(&succeed(scene.path(), &more)).unwrap();
     assert_eq!(sides(&figures, "worlds"), [50.0, 100.0, 200.0, 400.0, 1000.0]);
-    // All of them hold what is touched, and have their points where the base has them.
+    // All of them contain the touched cells, at the rest points of the base.
     for world in figures["worlds"].as_array().unwrap() {
         assert_eq!(world["cells_touched"], figures["cells_touched"]);
         assert_eq!(world["contacts"], figures["contacts"]);

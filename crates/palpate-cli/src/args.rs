@@ -1,4 +1,4 @@
-//! The command line: subcommands and what all of them share.
+//! The command line: subcommands, and the flags that all of them share.
 
 use std::ops::RangeInclusive;
 
@@ -20,7 +20,7 @@ pub(crate) struct Cli {
     /// No progress and no notes on stderr; results, warnings and errors only
     #[arg(long, short, global = true)]
     pub quiet: bool,
-    /// Memory that what is read of one file may take at once, GiB [default: 1]
+    /// Largest memory that the content of one file may take at once, GiB [default: 1]
     #[arg(
         long, global = true, value_name = "GIB", help_heading = "Files",
         value_parser = number_in(0.001..=1e6, "a number of GiB from 0.001 to 1000000")
@@ -36,7 +36,7 @@ pub(crate) enum Command {
     Map(map::Args),
     /// Map beside a running robot, over ROS 2
     Live(live::Args),
-    /// The network process of `palpate live`, which starts it
+    /// The network process that `palpate live` starts
     #[cfg(feature = "full")]
     #[command(hide = true)]
     LiveNetwork,
@@ -44,15 +44,15 @@ pub(crate) enum Command {
     Predict(predict::Args),
     /// Check whether touches contradict a field: the object moved, is softer or harder, or is another one
     Compare(compare::Args),
-    /// Forget touches of a field, as if they had never been
+    /// Forget touches of a field, as if they had never been learnt
     Forget(forget::Args),
-    /// Rank motions by what they would teach about an object
+    /// Rank candidate motions by how much they would reduce the uncertainty about an object
     Next(next::Args),
     /// Compare estimators and baselines on touches that they have not seen: the paper's experiment
     Evaluate(evaluate::Args),
-    /// Choose settings by cross-validation on one's own touches
+    /// Choose settings by cross-validation on your own touches
     Tune(tune::Args),
-    /// Compare settings over several objects, each chosen on the others
+    /// Compare settings on several objects, and test on each object those chosen on the others
     Study(study::Args),
     /// Extrapolate stiffness to the points that a camera saw and no touch reached
     Extrapolate(extrapolate::Args),
@@ -60,11 +60,11 @@ pub(crate) enum Command {
     Demo(demo::Args),
     /// Write a motion from which `palpate identify` can determine an arm's masses and friction
     Excite(excite::Args),
-    /// Find payload, friction, bias and delay of an arm from logs of it in free motion
+    /// Find payload, friction, bias and delay of an arm from logs of its free motion
     Identify(identify::Args),
-    /// External torques with standard deviations, and when something is touched
+    /// Compute external torques with standard deviations, and detect contacts
     Torque(torque::Args),
-    /// Show what a log, a robot or a field holds, and what looks wrong with it
+    /// Show the content of a log, a robot or a field, and what looks wrong with it
     Inspect(inspect::Args),
     /// Watch the arm, its contacts, the field and the torques in the Rerun viewer
     View(view::Args),
@@ -72,7 +72,7 @@ pub(crate) enum Command {
     Convert(convert::Args),
     /// Measure how fast the mapper is on this machine
     Bench(bench::Args),
-    /// Print the settings that hold, as a commented TOML file to start from
+    /// Print the settings in effect, as a commented TOML file to start from
     Settings(AllSettings),
     /// Print completions for a shell
     Completions {
@@ -81,7 +81,7 @@ pub(crate) enum Command {
     },
 }
 
-/// A parser of numbers in a range; says what is wanted if one is not.
+/// A parser of numbers in a range; its error message says what is `wanted`.
 pub(crate) fn number_in(
     range: RangeInclusive<f64>,
     wanted: &'static str,

@@ -11,7 +11,7 @@ use tempfile::TempDir;
 
 use crate::error::CliError;
 
-/// A touch in files.
+/// The files of a touch.
 struct Bundled {
     name: &'static str,
     angles: &'static [u8],
@@ -36,15 +36,15 @@ const TOUCHES: [Bundled; 11] = bundled![
     "seq_008", "seq_009", "seq_010"
 ];
 
-/// What a camera saw of the plant before the touches, as PLY.
+/// The cloud of the plant as a camera saw it before the touches, as PLY.
 const OBJECT: &[u8] = include_bytes!("../data/plant_a/object.ply");
 
-/// How many touches there are.
+/// Number of bundled touches.
 pub(crate) const COUNT: usize = TOUCHES.len();
 
-/// The touches as files, which are gone when this is.
+/// The touches and the cloud as temporary files, deleted when this is dropped.
 pub(crate) struct Unpacked {
-    /// Holds the files.
+    /// Deletes the files when dropped.
     _folder: TempDir,
     /// The folder of each touch.
     pub touches: Vec<PathBuf>,

@@ -15,15 +15,15 @@ use palpate_work::settings::{pair, vector3};
 use crate::error::CliError;
 use crate::output::Output;
 
-/// How a picture with depth becomes points.
+/// Flags for converting a picture with depth to points.
 #[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "Picture with depth")]
 pub(crate) struct CloudArgs {
-    /// Camera of the picture, where it does not lie beside it as `camera.json` or `.yaml`; or the camera
-    /// that saw a cloud, for its position
+    /// File of the camera, if it is not beside the picture as `camera.json` or `.yaml`; for a cloud, the
+    /// camera that recorded it, of which only the position is used
     #[arg(long, value_name = "FILE")]
     camera: Option<PathBuf>,
-    /// Pose of the camera, `camera_to_world`, where its file has none: a file of a 4 x 4 matrix, or
+    /// Pose of the camera, `camera_to_world`, if its file has none: a file of a 4 x 4 matrix, or
     /// seven numbers in one argument, "x y z qx qy qz qw", m
     #[arg(long, value_name = "FILE|NUMBERS", allow_hyphen_values = true)]
     camera_pose: Option<String>,
@@ -33,19 +33,19 @@ pub(crate) struct CloudArgs {
     /// Nearest and farthest depth that is used, m
     #[arg(long, value_name = "NEAR,FAR", value_parser = pair)]
     depth_range_m: Option<[f64; 2]>,
-    /// Keep pixels that hang between what is near and what is far
+    /// Keep flying pixels, whose depth lies between that of a near and of a far surface
     #[arg(long)]
     keep_flying: bool,
-    /// Low corner of the box that points are kept of, m, world frame
+    /// Low corner of the box in which points are kept, m, world frame
     #[arg(long, value_name = "X,Y,Z", value_parser = vector3, allow_hyphen_values = true, requires = "crop_high_m")]
     crop_low_m: Option<[f64; 3]>,
-    /// High corner of the box
+    /// High corner of the box, m, world frame
     #[arg(long, value_name = "X,Y,Z", value_parser = vector3, allow_hyphen_values = true, requires = "crop_low_m")]
     crop_high_m: Option<[f64; 3]>,
 }
 
 impl CloudArgs {
-    /// The elastic body in a file, or those that clouds may be; none without either. And all points.
+    /// The elastic body of a file, or else the candidates made from the clouds; and the points of all clouds.
     pub(crate) fn bodies(
         &self,
         (clouds, hints): (&[PathBuf], &ObjectHints),
@@ -160,7 +160,7 @@ impl CloudArgs {
         Ok(found.cloud)
     }
 
-    /// Where the camera stood that saw the cloud of [`CloudArgs::read`], m, world frame, if that is known.
+    /// Position of the camera that recorded the cloud of [`CloudArgs::read`], m, world frame, if known.
     pub(crate) fn viewpoint(&self, path: &Path) -> Result<Option<Point3<f64>>, CliError> {
         let pose = match (self.pose()?, &self.camera) {
             (Some(pose), _) => Some(pose),
@@ -174,7 +174,7 @@ impl CloudArgs {
         Ok(pose.map(|pose| pose.translation.vector.into()))
     }
 
-    /// The camera's file: the named one, or that beside the picture.
+    /// The camera's file: that of `--camera`, or the one beside the picture.
     fn camera_file(&self, folder: &Path) -> Result<PathBuf, CliError> {
         match &self.camera {
             Some(file) => Ok(file.clone()),
@@ -206,13 +206,13 @@ fn without_pose(camera: &Path) -> CliError {
     CliError::from(format!("`{camera}` does not say where the camera stands; give --camera-pose"))
 }
 
-/// The folder with the images: `rgbd` in the given one, if there is one.
+/// The folder with the images: `rgbd` in the given folder if it exists, else the given folder.
 fn picture_folder(folder: &Path) -> PathBuf {
     let within = folder.join("rgbd");
     if within.is_dir() { within } else { folder.to_owned() }
 }
 
-/// The first of some files that a folder holds.
+/// The first file in a folder that has one of the names with one of the endings.
 fn find(folder: &Path, what: &str, names: &[&str], endings: &[&str]) -> Result<PathBuf, CliError> {
     let files = names
         .iter()

@@ -19,16 +19,16 @@ const NOTES: &str = "Examples:
   palpate compare field.npz today/ --moved moved.npz
 
 A touch contradicts the field if it fits worse than the touches that `palpate map` held out to calibrate the field's
-bands. `contradiction` is its misfit divided by a limit that one unchanged touch in forty passes. Above 1, the change is
-the simplest one that explains most of the error: the object has moved (up to 6 cm over the ground, 2 cm up or down, and
-17° about the vertical), or it is softer or harder. Otherwise it is another object, or changed in another way. Nothing is
-said if the field knows less than 10 % of what was touched, or less than 60 % and the touches contradict it. Each touch is
-compared alone, and all of them together.
+bands. `contradiction` is its misfit divided by a limit that one in forty unchanged touches exceeds. Above 1, the
+change is the simplest one that explains most of the error: the object has moved (up to 6 cm over the ground, 2 cm up
+or down, and 17° about the vertical), or it is softer or harder. Otherwise it is another object, or changed in another
+way. The result is unknown if the field knows less than 10 % of what was touched, or less than 60 % and the touches
+contradict it. Each touch is compared alone, and all of them together.
 
-A touch that goes along the path of one in the field's memory, within a cell, is compared with the torque measured then: it
-contradicts the field if the torques differ by more than a quarter. Make such touches where you can: touches all over an
-object fit its field badly anyway, so few changes show. If the arm feels almost nothing any more, or misses the object,
-the word is softer.";
+A touch that repeats the path of one in the field's memory, to within a cell, is compared with the torque measured
+then: it contradicts the field if the torques differ by more than a quarter. Make such touches if you can: other
+touches fit the field less well even if nothing has changed, so that fewer changes are detected. If the arm meets
+almost no torque any more, or misses the object, the result is `softer`.";
 
 /// Flags of `palpate compare`.
 #[derive(Debug, clap::Args)]
@@ -40,7 +40,7 @@ pub(crate) struct Args {
     /// Logs of the new touches
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Where the field after the motion of the object goes; written only if the object has moved
+    /// Output file of the field, moved with the object; written only if the object has moved
     #[arg(long, value_name = "FILE.npz")]
     moved: Option<PathBuf>,
     /// Print the comparison as JSON
@@ -77,7 +77,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if args.json { output.json(&report) } else { output.result(&text(&report)) }
 }
 
-/// A table for people.
+/// The report as text.
 fn text(report: &Report) -> String {
     let header =
         ["touch", "known", "contradiction", "error", "repeated", "scaled", "moved", "change"];

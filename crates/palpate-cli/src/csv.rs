@@ -1,10 +1,10 @@
-//! Tables for programs.
+//! Tables as CSV.
 
 use crate::output::visible;
 
-/// Rows as CSV, the head first; names may hold commas, quotes and line breaks. A name that a
-/// spreadsheet would take for a formula gets an apostrophe, which makes it a text there; what a
-/// terminal would obey is written as in JSON.
+/// Rows as CSV, the head first; names may contain commas, quotes and line breaks. A name that a
+/// spreadsheet would read as a formula gets an apostrophe, which makes it a text there; control
+/// characters are escaped as in JSON.
 pub(crate) fn text(rows: impl IntoIterator<Item = Vec<String>>) -> String {
     let quoted = |cell: &String| {
         let is_formula = cell.starts_with(['=', '+', '-', '@', '\t', '\r']);

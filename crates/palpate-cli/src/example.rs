@@ -3,12 +3,12 @@
 use palpate::{Arm, BakeConfig, ContactConfig, ExternalTorqueConfig, Field, Lattice, Robot};
 use palpate_learn::evaluation::{Evaluation, LeftOut, Prediction, Summary};
 
-/// How well each method does: the part of the torque that it gets right.
+/// Each method, and the share of the torque that it predicts.
 const METHODS: [(&str, f64); 4] = [("map", 0.7), ("gp", 0.2), ("knn", -0.1), ("zero", 0.0)];
 const FRAMES: usize = 200;
 const JOINTS: usize = 7;
 
-/// Touches that push in and come back, at 20 Hz; the second has a name that breaks careless HTML.
+/// Touches that push in and come back, at 20 Hz; some names contain HTML, which pages must escape.
 pub(crate) fn evaluation() -> Evaluation {
     let names = ["first", "second <touch>", "third </script>"];
     let touches: Vec<LeftOut> = names.iter().enumerate().map(|(n, name)| touch(n, name)).collect();
@@ -44,7 +44,7 @@ fn touch(number: usize, name: &str) -> LeftOut {
     }
 }
 
-/// Seven joints, of which the fourth and the last carry a rod.
+/// Seven joints, of which the third and the last carry a rod.
 pub(crate) fn arm() -> Arm {
     let mut urdf = "<robot name='rods'><link name='link_0'/>".to_owned();
     for joint in 1..=JOINTS {

@@ -22,55 +22,55 @@ const NOTES: &str = "Examples:
   ros2 topic pub -1 /joint_trajectory_controller/joint_trajectory \\
     trajectory_msgs/msg/JointTrajectory \"$(cat motion.yaml)\"
 
-The motion begins and ends at rest where --start says, and keeps to the joints' ranges, speeds and
-torques, clear of the ground and of the arm itself; links that are nearer than 3 cm to each other where
-it begins are taken for neighbours, and not looked at. It knows nothing else of the room: play it slowly
-first (--slow-down 10), with a hand on the stop. A shell takes 128 kB as an argument: 10 Hz fit. Other
-motions: another --seed. Log it, and give the log to `palpate identify`; three motions of different
-seeds determine the arm better than one.";
+The motion begins and ends at rest at --start. It respects the joints' limits of position, speed and
+torque, and avoids the ground and self-collision; links that are closer than 3 cm to each other at the
+start count as neighbours, whose distance is not checked. Other obstacles are not known: play the motion
+slowly first (--slow-down 10), with a hand on the emergency stop. A shell accepts an argument of at most
+128 kB, which --rate-hz 10 keeps to. Another --seed gives another motion. Log the motion, and give the
+log to `palpate identify`; three motions of different seeds determine the arm better than one.";
 
 /// Flags of `palpate excite`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = NOTES)]
 pub(crate) struct Args {
-    /// Where the motion goes: a table, or a trajectory_msgs/JointTrajectory
+    /// Output file of the motion: a table, or a trajectory_msgs/JointTrajectory
     #[arg(long, short, value_name = "FILE.csv|.yaml")]
     output: PathBuf,
-    /// Joint positions where it begins and ends, rad or m [default: the middle of each range]
+    /// Joint positions where the motion begins and ends, rad or m [default: the middle of each range]
     #[arg(long, value_name = "Q1,Q2,…", value_delimiter = ',', allow_hyphen_values = true)]
     start: Option<Vec<f64>>,
-    /// How long it takes, s [default: 20]
+    /// Duration of the motion, s [default: 20]
     #[arg(long, value_name = "S", value_parser = number_in(5.0..=600.0, "a number of seconds from 5 to 600"))]
     duration: Option<f64>,
-    /// Points a second [default: 100]
+    /// Points per second [default: 100]
     #[arg(long, value_name = "HZ", value_parser = number_in(5.0..=2000.0, "a rate from 5 to 2000 Hz"))]
     rate_hz: Option<f64>,
-    /// Largest speed of a joint, in parts of its limit [default: 0.5]
+    /// Largest speed of a joint, as a share of its limit [default: 0.5]
     #[arg(long, value_name = "PART", value_parser = number_in(0.01..=1.0, "a part from 0.01 to 1"))]
     speed: Option<f64>,
-    /// Largest torque of a joint, in parts of its limit [default: 0.8]
+    /// Largest torque of a joint, as a share of its limit [default: 0.8]
     #[arg(long, value_name = "PART", value_parser = number_in(0.01..=1.0, "a part from 0.01 to 1"))]
     torque: Option<f64>,
-    /// Height that the arm stays above, m in the base frame, or `none` [default: 0.05]
+    /// Height above which the arm stays, m in the base frame, or `none` [default: 0.05]
     #[arg(long, value_name = "M|none", allow_hyphen_values = true)]
     ground_m: Option<String>,
-    /// Largest way of a joint from the start, rad or m [default: 1.2]
+    /// Largest travel of a joint from its start position, rad or m [default: 1.2]
     #[arg(long, value_name = "RAD", value_parser = number_in(0.01..=6.3, "a way from 0.01 to 6.3 rad"))]
     reach: Option<f64>,
-    /// The same motion, so many times slower, as a first try
+    /// Slow the motion down by this factor, for a first try
     #[arg(long, value_name = "TIMES", default_value_t = 1.0, value_parser = number_in(1.0..=100.0, "a number from 1 to 100"))]
     slow_down: f64,
-    /// Seed of the draws [default: 0]
+    /// Seed of the random search [default: 0]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Print what it takes of the limits as JSON
+    /// Print condition number, used shares of the limits and distances as JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
     settings: RobotOnlySettings,
 }
 
-/// What a file of a motion looks like.
+/// Format of the output file.
 #[derive(Debug, Clone, Copy)]
 enum Format {
     Csv,
@@ -78,9 +78,9 @@ enum Format {
 }
 
 /// If a joint moves less, rad or m, its load and its friction are hardly determined.
-const LEAST_WAY: f64 = 0.1;
+const LEAST_TRAVEL: f64 = 0.1;
 
-/// Points of a file, at most.
+/// Largest number of points of a file.
 const MOST_POINTS: f64 = 1e6;
 
 /// Names joints that hardly move.
@@ -89,7 +89,7 @@ fn note_nearly_still(robot: &Robot, found: &Excitation, output: &Output) {
         let at = found.points.iter().map(|point| point[0][j]);
         extremes(at).map_or(0.0, |[low, high]| high - low)
     };
-    let names = robot.joint_names().enumerate().filter(|(j, _)| way(*j) < LEAST_WAY);
+    let names = robot.joint_names().enumerate().filter(|(j, _)| way(*j) < LEAST_TRAVEL);
     let names: Vec<&str> = names.map(|(_, name)| name).collect();
     if !names.is_empty() {
         output.note(&format!(
@@ -125,7 +125,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             })?,
         ),
     };
-    // A slower motion has as many points a second.
+    // A slowed motion keeps its points per second, so it is computed with more of them.
     config.rate_hz *= args.slow_down;
     if config.rate_hz * config.duration_s > MOST_POINTS {
         return Err(CliError::Usage(format!(
@@ -161,7 +161,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     output.result(&format!("{}\nNext: {next}\n", summary(&found, &file)))
 }
 
-/// The same path, `times` times slower.
+/// Slows the motion down by the factor `times`, on the same path.
 fn slow_down(found: &mut Excitation, times: f64) {
     found.times_s.iter_mut().for_each(|time_s| *time_s *= times);
     for [_, speeds, accelerations] in &mut found.points {
@@ -171,7 +171,7 @@ fn slow_down(found: &mut Excitation, times: f64) {
     found.speed_share /= times;
 }
 
-/// Describes the motion for people.
+/// Describes the motion, as text.
 fn summary(found: &Excitation, file: &dyn Display) -> String {
     let lowest = found.lowest_m.map_or(
         "The links have no surfaces: their height was not checked".to_owned(),
@@ -193,7 +193,7 @@ fn summary(found: &Excitation, file: &dyn Display) -> String {
     )
 }
 
-/// A row a point: time, positions, speeds, accelerations.
+/// A table with a row for each point: time, positions, speeds, accelerations.
 fn table(robot: &Robot, found: &Excitation) -> String {
     let column =
         |what: &'static str| robot.joint_names().map(move |joint| format!("{joint}_{what}"));

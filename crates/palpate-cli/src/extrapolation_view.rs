@@ -4,18 +4,19 @@ use nalgebra::{Point3, Vector3};
 use palpate::{Arm, Field};
 use palpate_learn::extrapolate::Extrapolation;
 
-/// The part of the touched cells that a picture shows unless another is given: the stiffest.
+/// Share of the touched cells that a picture shows if no threshold is given: the stiffest ones.
 const STIFFEST: f64 = 0.05;
-/// Part of the cloud's points, and of the cells at their first threshold, above the colours' range.
+/// Share of the cloud's points, and of the cells shown without a given threshold, above the colour
+/// range.
 const ABOVE: [f64; 2] = [0.02, 0.1];
-/// Part of the cloud's points above the lower end of the colours' range: the rest is softer.
+/// Share of the cloud's points above the lower end of the colour range.
 const ABOVE_LOWER_END: f64 = 0.98;
-/// Powers of ten that colours span, at least and at most.
+/// Least and largest number of decades of the colour range.
 const DECADES: [f64; 2] = [0.5, 2.5];
 
 /// A field, the arm that touched it, and a camera's cloud to which it was extrapolated.
 pub(crate) struct ExtrapolationView<'a> {
-    /// Cells with a count of zero were expected, never touched: they are not shown.
+    /// The field; its cells with a count of zero were never touched, and are not shown.
     pub(crate) field: &'a Field,
     pub(crate) arm: &'a Arm,
     /// Joint positions in the deepest frame of each touch, rad.
@@ -24,11 +25,11 @@ pub(crate) struct ExtrapolationView<'a> {
     pub(crate) points: &'a [Point3<f64>],
     /// Red, green and blue of each point.
     pub(crate) colours: &'a [[u8; 3]],
-    /// What was extrapolated to each point.
+    /// The extrapolated stiffness of each point.
     pub(crate) found: &'a Extrapolation,
 }
 
-/// A table of the page, in words; its first column names the rows.
+/// A table of the page, as text; its first column names the rows.
 pub(crate) struct Table {
     pub(crate) title: &'static str,
     pub(crate) caption: &'static str,
@@ -45,7 +46,8 @@ impl ExtrapolationView<'_> {
             .map(|row| (field.lattice.point(field.cells[row]), field.stiffness_n_per_m[row]))
     }
 
-    /// The middle of what is seen, or of what was touched if nothing is, m.
+    /// The mean of the cloud's points, or of the touched cells if there is no point, m, world
+    /// frame.
     pub(crate) fn middle(&self) -> Point3<f64> {
         let places: Vec<Point3<f64>> = match self.points {
             [] => self.cells().map(|(place, _)| place).collect(),
@@ -55,14 +57,14 @@ impl ExtrapolationView<'_> {
         Point3::from(sum / places.len().max(1) as f64)
     }
 
-    /// The stiffness that one touched cell in twenty reaches, N/m, down to two digits; 0 if none
-    /// was touched.
+    /// The stiffness that one touched cell in twenty reaches, N/m, rounded down to two digits; 0 if
+    /// no cell was touched.
     pub(crate) fn threshold_n_per_m(&self) -> f64 {
         let stiffness = self.cells().map(|(_, stiffness)| stiffness);
         two_digits(reached_by(stiffness, STIFFEST))
     }
 
-    /// The stiffness at the ends of the colours, N/m: the same for field and cloud.
+    /// The stiffness at the ends of the colour range, N/m, the same for field and cloud.
     pub(crate) fn colour_range_n_per_m(&self) -> [f64; 2] {
         let cloud = |part| reached_by(self.found.stiffness_n_per_m.iter().copied(), part);
         let cells = self.cells().map(|(_, stiffness)| stiffness);
@@ -74,7 +76,7 @@ impl ExtrapolationView<'_> {
     }
 }
 
-/// The largest number that at least this part of all reaches; 0 if there is none.
+/// The largest value that at least this share of the numbers reaches; 0 if there are no numbers.
 pub(crate) fn reached_by(numbers: impl Iterator<Item = f64>, part: f64) -> f64 {
     let mut sorted: Vec<f64> = numbers.collect();
     sorted.sort_by(|a, b| b.total_cmp(a));
@@ -82,7 +84,7 @@ pub(crate) fn reached_by(numbers: impl Iterator<Item = f64>, part: f64) -> f64 {
     sorted.get(many - 1).copied().unwrap_or(0.0)
 }
 
-/// A positive number cut to two digits, so that its text is the number itself.
+/// A positive number rounded down to two significant digits, so that its text is short.
 fn two_digits(number: f64) -> f64 {
     if number <= 0.0 {
         return 0.0;
@@ -97,7 +99,8 @@ pub(crate) mod tests {
     use super::*;
     use crate::example;
 
-    /// A ball of cells and the dots of a shell around it, owned so that it can be lent.
+    /// A ball of cells and the points of a shell around it; owns what an `ExtrapolationView`
+    /// borrows.
     pub(crate) struct Example {
         pub(crate) field: Field,
         pub(crate) arm: Arm,
@@ -108,7 +111,7 @@ pub(crate) mod tests {
     }
 
     impl Example {
-        /// With so many touches and points.
+        /// An example with this number of touches and points.
         pub(crate) fn new(touches: usize, points: usize) -> Self {
             let turn = |n: usize| 2.4 * n as f64;
             let place = |n: usize| {

@@ -1,4 +1,4 @@
-//! `palpate forget`: a field as if some of its touches had never been.
+//! `palpate forget`: removes touches from a field, as if they had never been learnt.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -21,9 +21,9 @@ const NOTES: &str = "Examples:
   palpate forget field.npz -o newer.npz --older-than 20
   palpate forget field.npz -o rest.npz --box 0.3 -0.1 0.4 0.5 0.1 0.6
 
-The field that is written is to the bit the one that `palpate map` learns from the other touches with the same settings:
-they are learned anew from the samples that the field remembers (with `ekf` and drift, steps without contact do not
-count). Bands, and settings that were chosen, stay as they are.
+The result is, bit for bit, the field that `palpate map` learns from the other touches with the same settings: they
+are learned again from the samples in the field's memory (with `ekf` and drift, steps without contact do not count).
+Bands and chosen settings stay as they are.
 `palpate inspect FIELD.npz` lists the touches.
 
 --json prints {\"forgotten\": [names], \"touches\": left, \"cells_touched\", \"seconds\"}.";
@@ -35,17 +35,17 @@ pub(crate) struct Args {
     /// The field
     #[arg(value_name = "FIELD.npz")]
     field: PathBuf,
-    /// Where the field without those touches goes; may be the same file
+    /// Output file of the field without these touches; may be the same file
     #[arg(long, short, value_name = "FIELD.npz")]
     output: PathBuf,
-    /// Forget the touches of this name, or the one of this number, as in `#3`; may be given several
-    /// times
+    /// Forget the touches with this name, or the touch with this number, such as `#3`; may be given
+    /// several times
     #[arg(long, value_name = "NAME", group = "which")]
     touch: Vec<String>,
     /// Forget all touches but the last N
     #[arg(long, value_name = "N", group = "which")]
     older_than: Option<usize>,
-    /// Forget the touches in which the arm went through a point of this box, m
+    /// Forget the touches in which the arm went through a point of this box: two corners, m
     #[arg(
         long = "box", num_args = 6, group = "which", allow_negative_numbers = true,
         value_names = ["X", "Y", "Z", "X", "Y", "Z"],

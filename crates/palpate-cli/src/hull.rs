@@ -1,7 +1,8 @@
-//! The arm as it is drawn: the convex hull of every link.
+//! The arm for drawings: the convex hull of every link.
 //!
-//! A hull is that of the link's baked surface, thinned to the vertices that are outermost in evenly
-//! spread directions: round enough for the eye, a thousandth of the bytes. Nothing touches by it.
+//! A hull is that of the points of the link's baked surface that are outermost in evenly spread
+//! directions, which needs a thousandth of the bytes. It is only drawn, and never used for
+//! contacts.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use palpate::unstable::DistanceGrid;
@@ -10,12 +11,13 @@ use palpate_view::view_model::LinkShape;
 use parry3d_f64::math::Vector as ParryVector;
 use parry3d_f64::transformation::try_convex_hull;
 
-/// Vertices of a link's hull, at most.
+/// Largest number of vertices of a link's hull.
 const VERTICES: usize = 150;
 
-/// The links of an arm that have a surface, and where they are among all.
+/// The hulls of the links of an arm that have a surface.
 pub(crate) struct Hulls {
     pub(crate) hulls: Vec<LinkShape>,
+    /// For each hull, the number of its link in the robot.
     moved: Vec<usize>,
 }
 
@@ -33,7 +35,7 @@ impl Hulls {
     ///
     /// # Errors
     ///
-    /// If the joint vector is not one of the arm's.
+    /// If the joint vector does not fit the arm.
     pub(crate) fn poses(&self, arm: &Arm, q: &[f64]) -> Result<Vec<Isometry3<f64>>, RobotError> {
         let poses = arm.robot.forward(q)?;
         Ok(self.moved.iter().map(|&link| poses.world_from_link[link]).collect())
@@ -49,7 +51,7 @@ fn hull(link: &str, surface: &DistanceGrid) -> Option<LinkShape> {
     Some(LinkShape { name: link.to_owned(), vertices_m, triangles })
 }
 
-/// Of each of the directions of a Fibonacci sphere, the point that lies farthest that way.
+/// The points that are farthest in any of the directions of a Fibonacci sphere, each point once.
 fn outermost(points: &[Point3<f64>]) -> Vec<ParryVector> {
     let turn = std::f64::consts::PI * (3.0 - 5_f64.sqrt());
     let direction = |n: usize| {

@@ -1,4 +1,4 @@
-//! `palpate identify`: payload, friction, bias and delay of one's own arm, from logs of it in free motion.
+//! `palpate identify`: payload, friction, bias and delay of an arm, from logs of its free motion.
 
 use std::path::PathBuf;
 
@@ -20,13 +20,13 @@ const NOTES: &str = "Examples:
   palpate identify monday.mcap tuesday.mcap --robot ur10e.urdf --tool-link tool0 --currents -o arm.toml
   palpate map recordings/ --robot robot.urdf --arm arm.toml -o field.npz
 
-The arm moves freely in the logs, every joint both ways, some of it slowly; `palpate excite` writes such a
-motion. What is found is held to the URDF as far as the logs do not say otherwise. Errors are measured on
-motion that was held out: whole touches, or quarters of them if there are fewer than three. Moments in which
+In the logs the arm must move freely, every joint in both directions, and partly slowly; `palpate excite` writes
+such a motion. Parameters that the logs determine poorly stay close to those of the URDF. Errors are measured on
+motion that was held out: whole touches, or quarters of them if there are fewer than three. Samples in which
 something is touched are left out, and a note says so.
 
-Payload: --json has it with standard deviations, and, with --tool-link of the flange, as libfranka's
-setLoad and URScript's set_target_payload take it. The tare's flags mean nothing here: bias is found.";
+--json contains the payload with standard deviations, and, if --tool-link is the flange, in the form of libfranka's
+setLoad and URScript's set_target_payload. The flags of the tare have no effect here: the bias is identified.";
 
 /// Flags of `palpate identify`.
 #[derive(Debug, clap::Args)]
@@ -35,19 +35,19 @@ pub(crate) struct Args {
     /// Logs of free motion
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Where the arm goes, for --arm of other commands
+    /// Output file of the identified arm, for --arm of other commands
     #[arg(long, short, value_name = "ARM.toml")]
     output: Option<PathBuf>,
-    /// Where the URDF goes, with the masses that were found
+    /// Output file of the URDF with the identified masses
     #[arg(long, value_name = "FILE.urdf")]
     urdf: Option<PathBuf>,
-    /// Link in whose frame the payload is given [default: the one that the last joint carries]
+    /// Link in whose frame the payload is given [default: the link behind the last joint]
     #[arg(long, value_name = "LINK")]
     tool_link: Option<String>,
-    /// The logged torques are the drives' currents: find their gains as well [default: if columns are named currents]
+    /// The logged torques are motor currents: identify their gains as well [default: if columns are named currents]
     #[arg(long)]
     currents: bool,
-    /// Print all that was found as JSON
+    /// Print all results as JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -63,7 +63,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         ));
     }
     let mut robot = settings.robot.clone();
-    // What it finds holds in place of a payload.
+    // The identified arm already contains the payload.
     (robot.payload_link, robot.payload_mass_kg, robot.payload_com_m) = (None, None, None);
     robot.arm.clone_from(&args.output);
     let mut places = Places::read(&args.settings, &settings, &args.logs);
@@ -110,9 +110,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     Ok(())
 }
 
-/// What was found, as JSON, with payloads for controllers if the flange is known.
+/// The results as JSON, with payloads for controllers if the flange is known.
 fn json(found: &Identified, is_flange_known: bool) -> serde_json::Value {
-    // Both count from the flange, which only the user knows.
+    // Both payloads are in the frame of the flange, and only the user knows which link that is.
     let (libfranka, urscript) = if is_flange_known && found.payload.is_significant {
         (Some(set_load(found)), Some(set_payload(found)))
     } else {
@@ -125,7 +125,7 @@ fn json(found: &Identified, is_flange_known: bool) -> serde_json::Value {
     json
 }
 
-/// The URDF that was given, with the masses that were found.
+/// The given URDF with the identified masses.
 fn urdf_of(
     settings: &crate::settings::Settings,
     robot: &Robot,
@@ -142,7 +142,7 @@ fn urdf_of(
         .map_err(|what| CliError::from(format!("`{name}` {what}")))
 }
 
-/// A value with its standard deviation, for people; a dash where the logs say nothing of it.
+/// A value with its standard deviation as text; a dash if the logs do not determine it.
 fn pm(value: Value, digits: usize, is_found: bool) -> String {
     if !is_found {
         return "-".to_owned();
@@ -175,7 +175,7 @@ fn text(found: &Identified) -> String {
     text + &residuals(found)
 }
 
-/// A row a joint.
+/// A table with a row for each joint.
 fn joints(found: &Identified) -> String {
     let head = [
         "joint",
@@ -230,7 +230,7 @@ fn residuals(found: &Identified) -> String {
     )
 }
 
-/// What libfranka's `setLoad` takes: mass, centre in the flange's frame, inertia about the centre column by column.
+/// The call of libfranka's `setLoad`: mass, centre in the flange's frame, inertia about the centre column by column.
 fn set_load(found: &Identified) -> String {
     let payload = &found.payload;
     let [x, y, z] = payload.com_m.map(|axis| axis.value);
@@ -239,7 +239,7 @@ fn set_load(found: &Identified) -> String {
     format!("setLoad({:.4}, {{{x:.4}, {y:.4}, {z:.4}}}, {{{inertia}}})", payload.mass_kg.value)
 }
 
-/// What URScript's `set_target_payload` takes: mass, centre in the flange's frame, inertia xx, yy, zz, xy, xz, yz.
+/// The call of URScript's `set_target_payload`: mass, centre in the flange's frame, inertia xx, yy, zz, xy, xz, yz.
 fn set_payload(found: &Identified) -> String {
     let payload = &found.payload;
     let [x, y, z] = payload.com_m.map(|axis| axis.value);

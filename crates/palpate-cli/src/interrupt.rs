@@ -1,16 +1,17 @@
-//! Ctrl-C: the first asks the loop to stop at the next sample; another, a second later or more, kills.
+//! Ctrl-C: the first one stops the command at the next sample; another one, at least a second later, ends it at once.
 
 use std::io::Write;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
-/// When it was first pressed.
+/// Time of the first Ctrl-C.
 static PRESSED: OnceLock<Instant> = OnceLock::new();
 
-/// Signals that come together count as one: `ros2 launch` passes on what the terminal or `systemd` has sent to all.
+/// Signals closer together than this count as one: `ros2 launch` repeats a signal that the terminal or `systemd` has
+/// sent to all processes.
 const TOGETHER: Duration = Duration::from_secs(1);
 
-/// Begins to listen. Without this, Ctrl-C ends the process at once, as it does everywhere.
+/// Installs the handler of Ctrl-C. Without it, Ctrl-C ends the process at once.
 pub(crate) fn listen() {
     let pressed = || {
         if let Err(again) = PRESSED.set(Instant::now()) {
@@ -23,16 +24,16 @@ pub(crate) fn listen() {
         let _ =
             writeln!(stderr, "\nstopping at the next sample; press Ctrl-C again to stop at once");
     };
-    // It fails only if someone listens already, who then serves as well.
+    // It fails only if a handler is installed already, which then serves as well.
     let _ = ctrlc::set_handler(pressed);
 }
 
-/// Whether a later signal is a new one, not the first one passed on.
+/// Whether a later signal is a new one, not a repetition of the first.
 fn is_another(first: Instant, again: Instant) -> bool {
     again.duration_since(first) >= TOGETHER
 }
 
-/// Whether to stop.
+/// Whether Ctrl-C was pressed, so that the command must stop.
 pub(crate) fn pressed() -> bool {
     PRESSED.get().is_some()
 }
@@ -42,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_signal_that_comes_twice_is_one_and_a_later_one_another() {
+    fn a_repeated_signal_counts_once_and_a_later_one_is_new() {
         let first = Instant::now();
         assert!(!is_another(first, first + TOGETHER / 10));
         assert!(is_another(first, first + TOGETHER));

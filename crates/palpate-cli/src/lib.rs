@@ -1,7 +1,7 @@
 //! The command `palpate`, as a function: the program of that name and the Python package call it.
 //!
-//! Each subcommand has its module, which parses nothing and prints only through `output`;
-//! `error` says how a command may end. No panic reaches the user without an apology.
+//! Each subcommand has a module, which parses no arguments and prints only through `output`;
+//! `error` has the exit codes. A panic prints an apology and what to report, not a backtrace.
 
 mod args;
 mod bench;
@@ -56,10 +56,10 @@ use output::{Output, complain};
 
 pub use program::Program;
 
-/// Does what the arguments say, the first of which is the command's own name, and returns its exit code.
+/// Runs the command with these arguments, the first of which is the command's own name, and returns its exit code.
 ///
-/// It ends the process where they ask for help or cannot be read, and takes over panics and Ctrl-C: a process calls it
-/// once, and does nothing else.
+/// It ends the process if the arguments ask for help or cannot be parsed, and sets the process's handlers of panics and
+/// Ctrl-C: a process calls it once, and does nothing else.
 pub fn command(arguments: impl IntoIterator<Item = OsString>, program: Program) -> u8 {
     program.begin();
     std::panic::set_hook(Box::new(apologise));
@@ -118,7 +118,7 @@ fn report(error: &CliError) {
     }
 }
 
-/// What the user sees in place of a panic's backtrace.
+/// The panic hook: prints an apology and what to report, in place of a backtrace.
 fn apologise(panic: &std::panic::PanicHookInfo<'_>) {
     let place = panic.location().map(ToString::to_string).unwrap_or_default();
     let what = panic.payload_as_str().unwrap_or("no reason given");

@@ -25,7 +25,7 @@ pub(crate) fn open(
     Ok((touches, arm))
 }
 
-/// The same, before anything is known of how the torques count.
+/// Opens logs and loads their arm, without deciding sign and gravity of the torques.
 pub(crate) fn open_as_logged(
     logs: &[PathBuf],
     settings: &mut Settings,
@@ -41,7 +41,7 @@ pub(crate) fn open_as_logged(
     Ok((touches, arm))
 }
 
-/// Opens more logs of an arm, whose torques count as the settings say already.
+/// Opens more logs of the same arm, with the sign and gravity of the torques that the settings already contain.
 pub(crate) fn open_more(
     logs: &[PathBuf],
     settings: &Settings,
@@ -57,7 +57,7 @@ pub(crate) fn open_more(
     Ok(touches)
 }
 
-/// The flags that name the robot, for a command that is to follow.
+/// The flags that describe the robot, for the next command to run.
 pub(crate) fn robot_flags(settings: &RobotSettings) -> String {
     let numbers =
         |numbers: &[f64]| numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
@@ -79,7 +79,7 @@ pub(crate) fn robot_flags(settings: &RobotSettings) -> String {
     flags.iter().map(word).collect()
 }
 
-/// The flags that say how torques count, with a blank before each.
+/// The flags for sign and gravity of the torques, with a space before each.
 pub(crate) fn torque_flags(settings: &TouchSettings) -> String {
     let sign =
         settings.torque_sign_given().map(|sign| format!(" --torque-sign {}", inspect::word(sign)));
@@ -88,7 +88,7 @@ pub(crate) fn torque_flags(settings: &TouchSettings) -> String {
     sign.into_iter().chain(gravity).collect()
 }
 
-/// A word as a shell takes it.
+/// A word quoted for a shell, if necessary.
 pub(crate) fn quoted(word: &str) -> String {
     let is_plain = |c: char| c.is_alphanumeric() || "_./=:,-+@".contains(c);
     if !word.is_empty() && word.chars().all(is_plain) {

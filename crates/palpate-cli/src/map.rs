@@ -36,23 +36,23 @@ A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folde
 a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet.
 
 `map` chooses contact distance, friction, Coulomb friction, prior and stiffness scale by cross-validation on at most 16
-touches, those with the largest torques, as far as neither a flag nor --settings gives them. It needs three touches for that, and 15
-seconds for eleven touches on two cores. With fewer touches, with --tune=off, and for all other settings the
-defaults hold; `palpate settings` prints them.
+touches, those with the largest torques. Settings that a flag or --settings gives are not chosen. This needs at least
+three touches, and takes 15 seconds for eleven touches on two cores. With fewer touches, with --tune=off, and for all
+other settings the defaults are used; `palpate settings` prints them.
 
-The field holds the memory of what it was learnt from, so that --from goes on exactly where it stopped.
+The file of the field contains the memory of its touches, so that --from continues exactly where mapping stopped.
 
 --prior starts a new field, with the stiffness of another field as the prior mean of each cell: its
 own prior mean (`K_prior`) if it has one, else what it has learnt (`K`). The lattice must be the same.
 
 --cloud makes an elastic body from a coloured cloud of the object (estimator `elastic`). The body and
-the field beside it then predict together. --from needs no cloud: the field holds its body and the
-touches that it was learnt from. Without a LOG the body has the typical stiffness of other plants, or,
-with --from, learns the touches that the field of `palpate live` holds and its body has not learnt.
+the field then predict together. --from needs no cloud: the file contains the body and its touches.
+Without a LOG the body has the typical stiffness of other plants. With --from and without a LOG, it
+learns the touches in a field of `palpate live` that the body has not learnt yet.
 
---rate learns as beside a robot that reports so many times a second: every step spends what is left
-of its time on replays. The field then depends on the speed of the machine, and differs a little
-from run to run; without --rate the same log and settings give the same field.";
+--rate learns as if beside a robot that reports at this rate: every step uses its remaining time for
+replays. The field then depends on the speed of the machine, and differs a little from run to run;
+without --rate the same log and settings give the same field.";
 
 /// Flags of `palpate map`.
 #[derive(Debug, clap::Args)]
@@ -61,10 +61,10 @@ pub(crate) struct Args {
     /// Logs to learn from, in this order
     #[arg(required_unless_present_any = ["cloud", "body", "from"], value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Where the field goes; an older file there is replaced once the new one is whole
+    /// Output file of the field; an existing file is replaced once the new one is complete
     #[arg(long, short, value_name = "FIELD.npz")]
     output: PathBuf,
-    /// Go on from a saved field, under its settings
+    /// Continue mapping from a saved field, with its settings
     #[arg(long, value_name = "FIELD.npz", conflicts_with_all = ["cloud", "body"])]
     from: Option<PathBuf>,
     /// Take the prior mean of each cell from a field, in place of one prior mean for all
@@ -104,7 +104,7 @@ fn quick_or_off(name: &str) -> Result<Tune, String> {
 }
 
 impl Args {
-    /// Whether settings are chosen.
+    /// Whether settings are chosen by cross-validation.
     fn is_tuned(&self, settings: &Settings) -> Result<bool, CliError> {
         let begins_with = self.from.is_some() || self.prior.is_some() || self.object.is_given();
         match self.tune {
@@ -117,13 +117,13 @@ impl Args {
         }
     }
 
-    /// Refuses results that cannot be written, or would replace what is read or each other.
+    /// Refuses outputs that cannot be written, or would replace an input or another output.
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
         let mut places = Places::read(&self.settings, settings, &self.logs);
         places.input("the prior (--prior)", self.prior.as_deref());
         self.object.add_to(&mut places);
         places.output("the field (--output)", Some(&self.output))?;
-        // Only the field itself may be replaced by the one that goes on from it.
+        // Only --output may name the same file as --from.
         places.input("the field to go on from (--from)", self.from.as_deref());
         places.output("the picture (--picture)", self.picture.as_deref())
     }
@@ -206,15 +206,15 @@ fn calibrated_on(calibration: Option<&Calibration>) -> String {
     }
 }
 
-/// What a body is learnt from.
+/// The data from which an elastic body is learnt.
 struct Elastic {
-    /// The bodies that the object may be.
+    /// The candidate bodies of the object.
     bodies: Vec<Arc<ElasticBody>>,
     /// Samples of the touches so far.
     touches: Vec<Vec<Sample>>,
 }
 
-/// A new mapper, or one that goes on from a field, and its pace if one was asked for.
+/// A new mapper, or one that continues from a field; and its pace if `--rate` is given.
 fn begin(
     args: &Args,
     (arm, settings, is_tuned): (&Arc<Arm>, &Settings, bool),
@@ -259,7 +259,7 @@ fn save(args: &Args, mut saved: Saved) -> Result<Saved, CliError> {
     Ok(saved)
 }
 
-/// Ends after Ctrl-C: saves if that was asked for, and says what was done.
+/// After Ctrl-C: saves the field if requested, and returns the error that says what was done.
 ///
 /// A field whose body was not learnt yet is not saved: mapping could not go on from it with the body.
 fn stop(
@@ -278,7 +278,7 @@ fn stop(
     Ok(CliError::Interrupted { kept })
 }
 
-/// What is printed at the end.
+/// The summary that is printed at the end.
 struct Summary<'a> {
     args: &'a Args,
     robot: &'a RobotSettings,
@@ -296,7 +296,7 @@ impl Summary<'_> {
         format!("palpate predict {} LOG{robot}", logs::quoted(&field))
     }
 
-    /// Of the field's bands, which one with a body does not have.
+    /// The calibration of the field's bands; a field with a body has none.
     fn calibration(&self) -> Option<&Calibration> {
         self.mapper.calibration().filter(|_| self.body.is_none())
     }

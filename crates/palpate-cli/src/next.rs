@@ -1,4 +1,4 @@
-//! `palpate next`: which motion would teach most.
+//! `palpate next`: which candidate motion to make next.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,18 +23,18 @@ const NOTES: &str = "Examples:
   palpate next field.npz --candidates planned/ --task reach.csv -o best.csv
   palpate next field.npz --candidates recordings/ --box 0.3 -0.1 0.4 0.5 0.1 0.6 --limit 8
 
-A candidate is a log of any format, of which only the joint positions count; a CSV needs no torques. Each proposal is the
-motion that leaves least variance of the task, after those before it. The task is the torques of the --task motions, the
-stiffness in the --box, or else the torques of all candidates. `left` is the share of the variance that is left then.
---by information ranks by what a motion teaches about all cells that it touches, whatever the task, in nats (one nat: a
-quantity is known e times better).
+A candidate is a log of any format, of which only the joint positions are used; a CSV needs no torques. Each proposal is
+the motion after which, together with the proposals before it, the least variance of the task remains. The task is the
+torques of the --task motions, the stiffness in the --box, or else the torques of all candidates. `left` is the share
+of the variance that remains after the motion. --by information ranks by the information that a motion gives about all
+cells that it touches, whatever the task, in nats (one nat: a quantity is known e times better).
 
---limit leaves out motions whose predicted torque may pass it at a joint. The band for largest torques is added to the
+--limit leaves out motions whose predicted torque may exceed it at a joint. The band for largest torques is added to the
 prediction (at 90 %, or the field's highest level if that is lower), or twice the standard deviation of the springs if
-the field has no bands. What the field does not know may be stiffer.
+the field has no bands. Cells that the field does not know may be stiffer.
 
-Motions in which a joint goes beyond its limits in the URDF by more than 0.01 rad or m are not proposed. Limits of speed,
-and joints that are held or follow another one, are not checked.";
+Motions in which a joint exceeds its position limits in the URDF by more than 0.01 rad or m are not proposed. Limits of
+speed, held joints, and joints that follow another one are not checked.";
 
 /// Flags of `palpate next`.
 #[derive(Debug, clap::Args)]
@@ -43,29 +43,29 @@ pub(crate) struct Args {
     /// The field so far
     #[arg(value_name = "FIELD.npz")]
     field: PathBuf,
-    /// Motions that could be made
+    /// Candidate motions
     #[arg(long, required = true, num_args = 1.., value_name = "LOG")]
     candidates: Vec<PathBuf>,
-    /// Motions whose torques are to be known
+    /// Motions whose torques are to be predicted well
     #[arg(long, num_args = 1.., value_name = "LOG", conflicts_with = "task_box")]
     task: Vec<PathBuf>,
-    /// Box whose stiffness is to be known, as far as candidates touch it: two corners, m
+    /// Box whose stiffness is to be known well, as far as candidates touch it: two corners, m
     #[arg(
         long = "box", id = "task_box", num_args = 6, allow_negative_numbers = true,
         value_names = ["X", "Y", "Z", "X", "Y", "Z"],
         value_parser = number_in(f64::MIN..=f64::MAX, "a finite number of m")
     )]
     task_box: Option<Vec<f64>>,
-    /// What motions are judged by [default: variance]
+    /// Criterion by which motions are ranked [default: variance]
     #[arg(long, value_name = "CRITERION")]
     by: Option<By>,
-    /// Motions that are proposed at most [default: 5]
+    /// Largest number of proposed motions [default: 5]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     count: Option<u32>,
-    /// Largest torque of a joint that a motion may meet, N·m
+    /// Largest torque of a joint that a motion may cause, N·m
     #[arg(long, value_name = "N_M", value_parser = number_in(1e-3..=1e6, "a torque from 0.001 to 1000000 N·m"))]
     limit: Option<f64>,
-    /// Where the best motion goes, as a table of times and joint positions
+    /// Output file of the best motion, a table of times and joint positions
     #[arg(long, short, value_name = "FILE.csv")]
     output: Option<PathBuf>,
     /// Print the proposals as JSON
@@ -75,10 +75,10 @@ pub(crate) struct Args {
     settings: ReadSettings,
 }
 
-/// What motions are judged by.
+/// Criterion by which motions are ranked.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum By {
-    /// Variance of the task that is left
+    /// Remaining variance of the task
     Variance,
     /// Information gained
     Information,
@@ -134,7 +134,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if args.json { output.json(&found) } else { output.result(&text(&found)) }
 }
 
-/// A motion as a table: times, if it has them, and joint positions.
+/// Writes a motion as a table: times, if it has them, and joint positions.
 fn write(path: &Path, motion: &RecordedTouch, arm: &Arm) -> Result<(), CliError> {
     let timed = motion.samples.iter().all(|sample| sample.time_s.is_some());
     let time = timed.then(|| "time".to_owned());
@@ -147,7 +147,7 @@ fn write(path: &Path, motion: &RecordedTouch, arm: &Arm) -> Result<(), CliError>
     place::write(path, &csv::text(std::iter::once(head).chain(rows)))
 }
 
-/// A table for people.
+/// The proposals as text.
 fn text(found: &Proposals) -> String {
     if found.proposals.is_empty() {
         return format!("No motion can be proposed.\n{}", left_out(found));

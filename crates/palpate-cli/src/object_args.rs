@@ -1,4 +1,4 @@
-//! What shows an object, for a command that learns its elastic body.
+//! Flags that give an object's cloud or body, for commands that learn an elastic body.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -20,19 +20,19 @@ use crate::settings::Settings;
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct ObjectArgs {
     /// Coloured cloud of the object (PLY, PCD), or the folder of a picture with depth, in the world frame:
-    /// learn an elastic body as well. Again for each other camera
+    /// also learn an elastic body. Repeat the flag for each further camera
     #[arg(id = "cloud", long, value_name = "CLOUD")]
     clouds: Vec<PathBuf>,
-    /// An elastic body in place of one from the cloud: the file that `palpate convert` wrote, perhaps
-    /// corrected by hand. `evaluate` also takes both, and shows the cloud in its report
+    /// File of an elastic body, in place of one made from the cloud: written by `palpate convert`, perhaps
+    /// corrected by hand. `evaluate` also accepts both, and shows the cloud in its report
     #[arg(long, value_name = "BODY.json")]
     body: Option<PathBuf>,
-    /// What the cloud shows: `plant` (stems, branches, leaves) or `cushion` (anything else that gives
-    /// way) [default: found from the cloud]
+    /// What the cloud shows: `plant` (stems, branches, leaves) or `cushion` (any other soft object)
+    /// [default: found from the cloud]
     #[arg(long, value_name = "KIND", requires = "cloud", conflicts_with = "body", value_parser = named::<ObjectKind>(&ObjectKind::WORDS))]
     object_kind: Option<ObjectKind>,
-    /// Where a plant is held, m, world frame; again for each other tree [default: where stems meet the
-    /// ground]
+    /// Point at which a plant is fixed, m, world frame; repeat the flag for each further plant
+    /// [default: where stems meet the ground]
     #[arg(id = "root", long, value_name = "X,Y,Z", value_parser = place, allow_hyphen_values = true, requires = "cloud", conflicts_with = "body")]
     roots_m: Vec<[f64; 3]>,
     #[command(flatten)]
@@ -47,12 +47,12 @@ fn place(text: &str) -> Result<[f64; 3], String> {
 }
 
 impl ObjectArgs {
-    /// Whether there is one.
+    /// Whether a cloud or a body is given.
     pub(crate) fn is_given(&self) -> bool {
         !self.clouds.is_empty() || self.body.is_some()
     }
 
-    /// Adds what is read.
+    /// Adds the cloud and the body to the files that are read.
     pub(crate) fn add_to(&self, places: &mut Places) {
         for cloud in &self.clouds {
             places.input("the cloud (--cloud)", Some(cloud));
@@ -60,8 +60,8 @@ impl ObjectArgs {
         places.input("the body (--body)", self.body.as_deref());
     }
 
-    /// Selects the estimator `elastic` if an object is given; refuses it without one, unless a `field` to go on
-    /// from may bring its body.
+    /// Selects the estimator `elastic` if an object is given; refuses this estimator without an object, unless
+    /// mapping continues from a `field`, which may contain a body.
     pub(crate) fn select(&self, settings: &mut Settings, field: bool) -> Result<(), CliError> {
         if !self.clouds.is_empty() && self.body.is_some() {
             let both = "--cloud and --body both say what the body is; leave one of them out";
@@ -85,7 +85,7 @@ impl ObjectArgs {
         Ok(())
     }
 
-    /// The bodies that the object may be, none if the cloud shows none; and the cloud.
+    /// The candidate bodies of the object, none if the cloud shows none; and the cloud, if one is given.
     pub(crate) fn bodies(
         &self,
         output: &Output,

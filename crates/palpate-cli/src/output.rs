@@ -1,7 +1,7 @@
 //! Results on stdout, everything else on stderr.
 //!
-//! Nothing here panics when a pipe is closed: what cannot be written to stdout is an error of the
-//! command, and what cannot be written to stderr has no reader.
+//! Nothing here panics when a pipe is closed: a failed write to stdout is an error of the command, a
+//! failed write to stderr is ignored.
 
 use std::borrow::Cow;
 use std::io::{self, Write};
@@ -15,14 +15,14 @@ use serde::Serialize;
 use crate::error::CliError;
 use crate::interrupt;
 
-/// How a command talks.
+/// How a command prints.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Output {
     /// No progress and no notes on stderr.
     pub quiet: bool,
 }
 
-/// The bars that are drawn, the newest last: a line of text goes above them.
+/// The progress bars on the terminal, the newest last; lines of text are printed above them.
 static BARS: Mutex<Vec<ProgressBar>> = Mutex::new(Vec::new());
 
 impl Output {
@@ -53,14 +53,14 @@ impl Output {
         }
     }
 
-    /// Some lines on stderr that are drawn anew with every message.
+    /// Lines on stderr that every new message replaces.
     #[cfg(feature = "full")]
     pub(crate) fn view(&self) -> ProgressBar {
         drawn(None, "{msg}")
     }
 }
 
-/// A bar on stderr if that is a terminal.
+/// A progress bar on stderr; hidden if stderr is not a terminal.
 fn drawn(steps: Option<u64>, template: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(steps, ProgressDrawTarget::stderr_with_hz(8));
     bar.with_style(ProgressStyle::with_template(template).expect("the template is well-formed"))
@@ -95,7 +95,7 @@ impl Progress for Output {
     }
 }
 
-/// A bar that goes when its work is over.
+/// A progress bar that is removed from the terminal when dropped.
 struct Shown(ProgressBar);
 
 impl Bar for Shown {
@@ -119,7 +119,7 @@ fn bars<R>(with: impl FnOnce(&mut Vec<ProgressBar>) -> R) -> R {
     with(&mut BARS.lock().unwrap_or_else(PoisonError::into_inner))
 }
 
-/// Writes a line to stderr, if anyone reads it.
+/// Writes a line to stderr; a failure is ignored.
 pub(crate) fn complain(line: &str) {
     let write = || {
         let _ = writeln!(io::stderr(), "{}", visible(line));
@@ -130,10 +130,10 @@ pub(crate) fn complain(line: &str) {
     }
 }
 
-/// A text whose characters a terminal shows and does not obey: names in files may hold anything.
-/// What is replaced is written as in JSON, so that JSON stays what it was.
+/// A text with its control characters escaped: names in files must not control the terminal.
+/// They are escaped as in JSON strings, so that JSON keeps its meaning.
 pub(crate) fn visible(text: &str) -> Cow<'_, str> {
-    // Controls, and what turns the direction of writing.
+    // Control characters, and those that change the direction of writing.
     let obeyed = |c: char| {
         c.is_control() && c != '\n' && c != '\t'
             || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
@@ -147,7 +147,7 @@ pub(crate) fn visible(text: &str) -> Cow<'_, str> {
     Cow::Owned(text.chars().map(shown).collect())
 }
 
-/// Aligned columns under their names: the first to the left, the others to the right.
+/// A table with aligned columns: the first one to the left, the others to the right.
 pub(crate) fn table(head: &[&str], body: impl IntoIterator<Item = Vec<String>>) -> String {
     let mut rows = vec![head.iter().map(ToString::to_string).collect()];
     rows.extend(body);
@@ -175,17 +175,17 @@ pub(crate) fn rows<N: AsRef<str>>(rows: &[(N, String)]) -> String {
     rows.iter().map(|(name, value)| format!("  {:<width$}  {value}\n", name.as_ref())).collect()
 }
 
-/// A figure of so many decimals, if there is one.
+/// A number with this many decimals, or `-` if there is none.
 pub(crate) fn figure(value: Option<f64>, digits: usize) -> String {
     value.map_or("-".to_owned(), |value| format!("{value:.digits$}"))
 }
 
-/// A size for people.
+/// A number of bytes as text, in MiB.
 pub(crate) fn mib(bytes: usize) -> String {
     format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20))
 }
 
-/// A duration for people.
+/// A duration as text, in seconds.
 pub(crate) fn seconds(time: Duration) -> String {
     format!("{:.1} s", time.as_secs_f64())
 }
@@ -195,7 +195,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_terminal_obeys_no_name_and_json_means_what_it_did() {
+    fn control_characters_are_escaped_and_json_keeps_its_meaning() {
         let name = "a\u{1b}[31m\u{9b}2J\r\u{202e}gnp.exe";
         assert_eq!(visible(name), "a\\u001b[31m\\u009b2J\\u000d\\u202egnp.exe");
         let json = serde_json::to_string(name).unwrap();

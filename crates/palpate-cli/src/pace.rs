@@ -1,14 +1,13 @@
-//! `--rate`: what is left of a step's time goes to replays.
+//! `--rate`: replays fill the remaining time of each step.
 //!
-//! A robot reports so many times a second, and a mapper that is done with a sample early can spend the
-//! rest of the time on replays. Under a pace their number is not fixed: after each step,
-//! [`Pace::fill`] grants replays for as long as the next one is expected to end before the deadline. So
-//! the field depends on the speed of the machine, and two runs differ; every result says so
-//! ([`ORIGIN`]).
+//! A robot reports at a fixed rate, and a mapper that has learnt a sample before the next one arrives can
+//! use the remaining time for replays. Under a pace their number is not fixed: after each step,
+//! [`Pace::fill`] grants replays as long as the next one is expected to end before the deadline. So the
+//! field depends on the speed of the machine, and two runs differ; every result says so ([`ORIGIN`]).
 //!
-//! `map` makes any number of replays, since none counts data twice. `ekf` counts data again with every
-//! replay, so it makes at most those of the setting `replays` for each frame. A step with nothing to
-//! replay ends early.
+//! `map` makes any number of replays, since a replay does not count data twice. `ekf` counts data again
+//! with every replay, so it makes at most the number in the setting `replays` for each frame. A step
+//! without anything to replay ends early.
 
 use std::time::{Duration, Instant};
 
@@ -19,29 +18,29 @@ use crate::args::number_in;
 use crate::interrupt;
 use palpate_work::quantile::median;
 
-/// What must be said of results made under a pace.
+/// The note on every result that was made under a pace.
 pub(crate) const ORIGIN: &str = "Under --rate the field depends on the speed of the machine.";
 
-/// A visit is made only if the time left is so many times what a visit takes on average: frames
-/// differ in size, and the next may be one of the larger.
+/// Least ratio of the remaining time to the mean time of a visit at which another visit is made: frames
+/// differ in size, and the next one may be large.
 const MARGIN: f64 = 2.0;
-/// The most visits between two looks at the clock.
+/// Largest number of visits between two readings of the clock.
 const MOST_AT_ONCE: u32 = 8;
-/// How much the latest visits count in the running mean of their time.
+/// Weight of the latest visits in the running mean of their time.
 const LATEST: f64 = 0.1;
 
-/// The flag.
+/// The flag `--rate`.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub(crate) struct PaceArgs {
-    /// Steps a second to keep to, from 0.1 to 100000 Hz: in place of the fixed replays, each step
-    /// spends what is left of its time on them (`ekf`: at most `replays`). What is learnt then
-    /// depends on the speed of the machine
+    /// Rate of the steps, from 0.1 to 100000 Hz: instead of a fixed number of replays, each step makes
+    /// as many as fit into its remaining time (`ekf`: at most `replays`). The field then depends on
+    /// the speed of the machine
     #[arg(long, value_name = "HZ", value_parser = hertz, allow_negative_numbers = true)]
     rate: Option<f64>,
 }
 
 impl PaceArgs {
-    /// The mapper with its replays left to the pace, if one was asked for.
+    /// Leaves the replays of a mapper to a pace, if `--rate` is given.
     pub(crate) fn keep(&self, mapper: Mapper) -> (Mapper, Option<Pace>) {
         let Some(rate_hz) = self.rate else { return (mapper, None) };
         let replays = mapper.config().estimator.replays;
@@ -62,21 +61,21 @@ fn hertz(text: &str) -> Result<f64, String> {
     number_in(0.1..=100_000.0, "a number from 0.1 to 100000 Hz")(text)
 }
 
-/// Fills the time that steps leave.
+/// Fills the remaining time of steps with replays.
 #[derive(Debug, Clone)]
 pub(crate) struct Pace {
     rate_hz: f64,
-    /// Replays of a frame, by the settings.
+    /// Replays for each frame in the settings.
     replays: u32,
     /// Running mean of the time of a visit, s; 0 before the first.
     visit_s: f64,
     tally: Tally,
 }
 
-/// What came of the steps so far.
+/// Statistics of the steps so far.
 #[derive(Debug, Clone, Default)]
 struct Tally {
-    /// Visits after each step that touched something.
+    /// Number of visits after each step with contact.
     replays: Vec<f64>,
     missed: u64,
     worst_overrun: Duration,
@@ -85,20 +84,20 @@ struct Tally {
 /// How well a pace was kept.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct PaceFigures {
-    /// Steps a second that were asked for.
+    /// The requested rate, Hz.
     pub rate_hz: f64,
-    /// Replays a step: median over the steps that touched something.
+    /// Replays per step: median over the steps with contact.
     pub replays_median: f64,
-    /// Steps that took longer than their time.
+    /// Number of steps that took longer than their period.
     pub missed: u64,
-    /// By how much the worst of them did, ms.
+    /// Largest time by which a step exceeded its period, ms.
     pub worst_overrun_ms: f64,
 }
 
 impl Pace {
     /// Makes replays until the step that began at `started` has used up its time.
     ///
-    /// `report` is what the step found. Ctrl-C ends it early.
+    /// `report` is that of the step. Ctrl-C ends the replays early.
     pub(crate) fn fill(&mut self, mapper: &mut Mapper, report: &StepReport, started: Instant) {
         let period = Duration::from_secs_f64(1.0 / self.rate_hz);
         let mut granted: Option<(Instant, u32)> = None;
@@ -122,7 +121,7 @@ impl Pace {
         self.tally.worst_overrun = self.tally.worst_overrun.max(overrun);
     }
 
-    /// Makes as many replays as the settings say, whatever the time.
+    /// Makes the number of replays in the settings, however long they take.
     pub(crate) fn fill_as_set(&self, mapper: &mut Mapper) {
         let mut left = self.replays;
         mapper.spare_time(|_| std::mem::take(&mut left));
@@ -138,12 +137,12 @@ impl Pace {
         }
     }
 
-    /// How many visits fit into the time left, before the clock is looked at again.
+    /// Number of visits to make in the remaining time before the clock is read again.
     fn affordable(&self, left_s: f64) -> u32 {
         if left_s <= MARGIN * self.visit_s {
             return 0;
         }
-        // Near the end one at a time; the cast bounds what is infinite before the first visit.
+        // One at a time near the end; the cast saturates the infinity before the first visit.
         let fitting = (left_s / self.visit_s / 4.0) as u32;
         if self.visit_s == 0.0 { 1 } else { fitting.clamp(1, MOST_AT_ONCE) }
     }
@@ -156,7 +155,7 @@ impl Pace {
 }
 
 impl PaceFigures {
-    /// In a line.
+    /// The figures in one line.
     pub(crate) fn text(&self) -> String {
         let Self { rate_hz, replays_median, missed, worst_overrun_ms } = self;
         let kept = match missed {
@@ -211,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn rates_that_nobody_can_mean_are_refused() {
+    fn rates_out_of_range_are_refused() {
         for text in ["0", "0.09", "-17", "100001", "inf", "nan", "fast", ""] {
             assert!(hertz(text).unwrap_err().contains("from 0.1 to 100000 Hz"), "{text}");
         }

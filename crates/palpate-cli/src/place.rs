@@ -1,4 +1,4 @@
-//! Places for results, tried before the work starts.
+//! Paths of results, checked before the work starts.
 
 use std::path::{Path, PathBuf};
 
@@ -10,22 +10,22 @@ use tempfile::Builder;
 use crate::error::CliError;
 use crate::settings::{Settings, SettingsArgs};
 
-/// Refuses a place that cannot be written to; an older file there will be replaced.
+/// Refuses a path that cannot be written; an existing file there will be replaced later.
 pub(crate) fn check(path: &Path) -> Result<(), CliError> {
     atomic::check(path).map_err(CliError::file)
 }
 
-/// Everything that a command reads and writes, each in its own place.
+/// The files that a command reads and writes, to refuse an output that would replace another of them.
 ///
-/// Places are compared with links resolved. What is added last is held against all before it.
+/// Paths are compared with links resolved. Each output is compared with all files added before it.
 #[derive(Debug, Default)]
 pub(crate) struct Places {
-    /// What each file is to the command, and where it is.
+    /// Role of each file, in words, and its resolved path.
     taken: Vec<(String, PathBuf)>,
 }
 
 impl Places {
-    /// The files that settings name, and all files of logs.
+    /// Starts with the files that the settings name and all files of the logs.
     pub(crate) fn read<F: Args + Clone + Into<Settings>>(
         args: &SettingsArgs<F>,
         settings: &Settings,
@@ -39,7 +39,7 @@ impl Places {
         places
     }
 
-    /// Adds a file that is read, if there is one.
+    /// Adds a file that is read, if it is given and exists.
     pub(crate) fn input(&mut self, role: &str, path: Option<&Path>) {
         if let Some(place) = path.and_then(|path| path.canonicalize().ok()) {
             self.taken.push((role.to_owned(), place));
@@ -51,11 +51,11 @@ impl Places {
         let role = format!("a file of the log `{}`", log.display());
         let Ok(log) = log.canonicalize() else { return };
         let within = entries(&log).filter(|entry| entry.is_dir());
-        // The truth of a single touch lies beside its folder.
+        // The truth of a single touch is beside its folder.
         let beside = log.parent().map(|parent| parent.join("truth"));
         let folders: Vec<PathBuf> =
             std::iter::once(log.clone()).chain(within).chain(beside).collect();
-        // An array that is missing counts as well: to write it would make or break a touch.
+        // Missing arrays are added too: an output of that name would become part of a touch.
         let arrays = ["angles.npy", "torques.npy", "time.npy"];
         let named = |folder: &PathBuf| arrays.map(|name| folder.join(name));
         let mut files: Vec<PathBuf> = folders.iter().flat_map(named).collect();
@@ -71,8 +71,8 @@ impl Places {
         self.taken.push((role, log));
     }
 
-    /// Adds a file that is written, if there is one: refuses it if it cannot be, or if it is one
-    /// of those added before.
+    /// Adds a file that is written, if it is given; refuses one that cannot be written or was added
+    /// before.
     pub(crate) fn output(&mut self, role: &str, path: Option<&Path>) -> Result<(), CliError> {
         let Some(path) = path else { return Ok(()) };
         check(path)?;
@@ -88,16 +88,16 @@ impl Places {
     }
 }
 
-/// The folder of results; made before the work, and removed again if nothing came to lie in it.
+/// The folder of results: made before the work, and removed when dropped if it is still empty.
 pub(crate) struct Folder {
-    /// Where it is.
+    /// Path of the folder.
     pub(crate) path: PathBuf,
-    /// What was made: the folder, then those that it is in, if they were not there.
+    /// The folders that were made: this one first, then its parents.
     made: Vec<PathBuf>,
 }
 
 impl Folder {
-    /// Makes the folder, and tries whether a file of this name can be written into it.
+    /// Makes the folder, and checks that a file of this name can be written into it.
     pub(crate) fn make(path: &Path, file: &str) -> Result<Self, CliError> {
         let what = format!("the folder `{}`", path.display());
         let new = path.ancestors().take_while(|folder| !folder.exists());
@@ -112,23 +112,23 @@ impl Folder {
 impl Drop for Folder {
     fn drop(&mut self) {
         for folder in &self.made {
-            let _ = std::fs::remove_dir(folder); // Refused unless it is empty, which is the point.
+            let _ = std::fs::remove_dir(folder); // Fails unless the folder is empty, as intended.
         }
     }
 }
 
-/// The ending of a file's name in small letters; empty if it has none.
+/// The ending of a file's name in lower case; empty if it has none.
 pub(crate) fn ending(path: &Path) -> String {
     path.extension().map_or_else(String::new, |ending| ending.to_string_lossy().to_lowercase())
 }
 
-/// The last part of a path: recordings and pages are shared, and folders are nobody's business.
+/// The last part of a path, for recordings and pages, which are shared and must not show the user's folders.
 pub(crate) fn last_part(path: &Path) -> String {
     let last = path.file_name().or_else(|| path.components().next_back().map(|c| c.as_os_str()));
     last.unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// The format that a file's ending asks for, by the endings that there are.
+/// The format that belongs to a file's ending; the error message calls the content `what`.
 pub(crate) fn format_of<T: Copy>(
     path: &Path,
     what: &str,
@@ -157,13 +157,13 @@ fn resolved(path: &Path) -> Option<PathBuf> {
     })
 }
 
-/// What lies in a folder; nothing if it is none.
+/// The paths in a folder; none if it is not a folder.
 pub(crate) fn entries(folder: &Path) -> impl Iterator<Item = PathBuf> {
     folder.read_dir().into_iter().flatten().filter_map(|entry| Some(entry.ok()?.path()))
 }
 
-/// Refuses to replace a file that neither ends as such a result does nor `is_one`: a text, say, whose name was given by
-/// mistake.
+/// Refuses to replace an existing file that neither has the ending `wanted` nor is recognised by `is_one`: its name was
+/// probably given by mistake.
 pub(crate) fn check_older(
     path: &Path,
     wanted: &str,
@@ -178,14 +178,15 @@ pub(crate) fn check_older(
     )))
 }
 
-/// Keeps others from writing to the file of a field until it is dropped: `palpate live`, say, would replace it at its end.
+/// Locks the file of a field until the returned value is dropped, so that no other `palpate` writes it meanwhile;
+/// `None` for a device.
 pub(crate) fn hold_field(path: &Path) -> Result<Option<Hold>, CliError> {
     check_older(path, "npz", |path| field::load(path).is_ok())?;
     let is_device = path.exists() && !path.is_file();
     (!is_device).then(|| Hold::on(path).map_err(CliError::file)).transpose()
 }
 
-/// Saves a field that took long to learn; where its folder is gone, say, or full, elsewhere.
+/// Saves a field; if that fails, for example on a full disk, saves it as a temporary file that the error names.
 pub(crate) fn save(path: &Path, saved: &Saved) -> Result<(), CliError> {
     let Err(error) = field::save(path, saved) else { return Ok(()) };
     let kept = Builder::new().prefix("palpate_").suffix(".npz").tempfile().ok().and_then(|file| {

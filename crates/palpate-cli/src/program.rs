@@ -1,4 +1,4 @@
-//! What runs: the program `palpate`, or Python with the package.
+//! How this process was started: as the program `palpate`, or by Python with the package.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -6,20 +6,20 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::sync::OnceLock;
 
-/// How this program is called again, and which file it was built as.
+/// How to start this program again, and the file that contains its code.
 #[derive(Debug)]
 pub struct Program {
-    /// The program and the arguments before a subcommand.
+    /// The program and the arguments that precede the subcommand.
     pub call: Vec<OsString>,
-    /// The file that a new build replaces.
+    /// The file that contains the code, which a new build replaces.
     pub file: Option<PathBuf>,
 }
 
 impl Default for Program {
-    /// The program that the process was started as.
+    /// The executable of this process.
     fn default() -> Self {
         let file = std::env::current_exe().ok().filter(|path| path.is_file());
-        // The file may have been replaced by another version, or be gone.
+        // If the file was replaced or deleted, `/proc/self/exe` still starts this version.
         let call = file.clone().unwrap_or_else(|| "/proc/self/exe".into());
         Self { call: vec![call.into_os_string()], file }
     }
@@ -28,7 +28,7 @@ impl Default for Program {
 static RUNNING: OnceLock<Program> = OnceLock::new();
 
 impl Program {
-    /// Makes it the one that [`again`] and [`file`] speak of, for good.
+    /// Sets the program that [`again`] and [`file`] use, once for the whole process.
     pub(crate) fn begin(self) {
         let _ = RUNNING.set(self);
     }
@@ -38,12 +38,12 @@ fn running() -> &'static Program {
     RUNNING.get_or_init(Program::default)
 }
 
-/// The file that was built, if that is known.
+/// The file that contains the running code, if known.
 pub(crate) fn file() -> Option<&'static PathBuf> {
     running().file.as_ref()
 }
 
-/// This program again, to be given a subcommand.
+/// A command that starts this program again; the caller adds the subcommand.
 #[cfg(feature = "full")]
 pub(crate) fn again() -> Command {
     let call = &running().call;

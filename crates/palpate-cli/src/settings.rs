@@ -1,6 +1,6 @@
-//! The settings of each kind of command, as flags over a file.
+//! The settings of each kind of command, from flags and a file.
 //!
-//! What can be set, and what it means, is `palpate_work`'s.
+//! The settings themselves are defined in `palpate_work`.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use palpate_work::settings::sections::{
 };
 pub(crate) use palpate_work::settings::*;
 
-/// The settings of a command: flags, and a file for what they leave open.
+/// The settings of a command: flags, and a file for settings that no flag gives.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct SettingsArgs<F: Args> {
     /// TOML file with settings; flags win over it (`palpate settings` prints a template)
@@ -28,7 +28,8 @@ impl<F: Args + Clone + Into<Settings>> SettingsArgs<F> {
         self.path.as_deref()
     }
 
-    /// The flags over the file's values, for a command that starts a mapper and makes no body.
+    /// As `load`, for a command that starts a mapper without a body: refuses the estimator
+    /// `elastic`.
     pub(crate) fn load_without_body(&self) -> Result<Settings, SettingsError> {
         let settings = self.load()?;
         match settings.estimator.estimator {
@@ -37,7 +38,7 @@ impl<F: Args + Clone + Into<Settings>> SettingsArgs<F> {
         }
     }
 
-    /// The flags over the file's values.
+    /// The settings of the flags, and those of the file that no flag gives.
     pub(crate) fn load(&self) -> Result<Settings, SettingsError> {
         let given = self.flags.clone().into();
         let settings = match &self.path {
@@ -52,10 +53,10 @@ impl<F: Args + Clone + Into<Settings>> SettingsArgs<F> {
 /// The settings of a command that learns: all of them.
 pub(crate) type AllSettings = SettingsArgs<Settings>;
 
-/// The settings of a command that asks a field which remembers its touches.
+/// The settings of a command that needs the robot only.
 pub(crate) type RobotOnlySettings = SettingsArgs<RobotSettings>;
 
-/// Flags of a command that only reads a log.
+/// Flags of a command that only reads logs.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct RobotAndLog {
     #[command(flatten)]
@@ -64,7 +65,7 @@ pub(crate) struct RobotAndLog {
     log: LogSettings,
 }
 
-/// The settings of such a command.
+/// The settings of a command that only reads logs.
 pub(crate) type ReadSettings = SettingsArgs<RobotAndLog>;
 
 impl From<RobotAndLog> for Settings {
@@ -73,7 +74,7 @@ impl From<RobotAndLog> for Settings {
     }
 }
 
-/// Flags of a command that asks a field, which brings lattice, contact model and estimator with it.
+/// Flags of a command that takes lattice, contact model and estimator from a field, or needs none.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct RobotLogAndTouch {
     #[command(flatten)]
@@ -82,7 +83,7 @@ pub(crate) struct RobotLogAndTouch {
     touch: TouchSettings,
 }
 
-/// The settings of such a command.
+/// The settings of a command with the flags [`RobotLogAndTouch`].
 pub(crate) type RobotAndLogSettings = SettingsArgs<RobotLogAndTouch>;
 
 impl From<RobotLogAndTouch> for Settings {
@@ -91,7 +92,7 @@ impl From<RobotLogAndTouch> for Settings {
     }
 }
 
-/// Flags of a command that looks at what a log touches, and learns nothing.
+/// Flags of a command that computes what a log touches, and learns nothing.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct LogAndLattice {
     #[command(flatten)]
@@ -102,7 +103,7 @@ pub(crate) struct LogAndLattice {
     contact: ContactSettings,
 }
 
-/// The settings of such a command.
+/// The settings of a command with the flags [`LogAndLattice`].
 pub(crate) type LogAndLatticeSettings = SettingsArgs<LogAndLattice>;
 
 impl From<LogAndLattice> for Settings {
@@ -113,7 +114,7 @@ impl From<LogAndLattice> for Settings {
 
 #[cfg(feature = "viewer")]
 impl AllSettings {
-    /// The first kind of settings among the flags that only learning has, in a word.
+    /// The name of the first section among the given flags that is used by learning only.
     pub(crate) fn of_learning(&self) -> Option<&'static str> {
         let (given, none) = (&self.flags, Settings::default());
         [

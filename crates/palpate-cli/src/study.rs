@@ -1,4 +1,4 @@
-//! `palpate study`: which settings hold for objects that they were not chosen on.
+//! `palpate study`: how well settings work on objects that they were not chosen on.
 
 use std::path::PathBuf;
 
@@ -22,11 +22,11 @@ Each OBJECT is a log, or a folder of them, of touches of one object. Each touch 
 touches of its object under the given settings and under every combination of those listed. The table has the
 mean relative error of each object under each of them (predicting zero has 1.00), then:
 
-  best of each          the best settings of each object, which nobody knows beforehand
+  best of each          the best settings of each object, which are not known beforehand
   chosen on the others  the settings that are best on average over all other objects
 
-What the second row loses to the first is what settings that are shipped cost an object that they
-were not chosen on.";
+The difference between the two rows is what an object loses by settings that were chosen on other
+objects, such as the defaults.";
 
 /// Flags of `palpate study`.
 #[derive(Debug, clap::Args)]
@@ -53,13 +53,14 @@ pub(crate) struct Args {
     /// Multiples of the torque noise to try
     #[arg(long, value_name = "FACTOR", value_delimiter = ',')]
     torque_noise: Vec<f64>,
-    /// Use every N-th frame, as worth N of them
+    /// Use every N-th frame, with N times the weight
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     every: u32,
     /// Also predict from 1, 2, 4 and more touches, under the given settings
     #[arg(long)]
     curve: bool,
-    /// Score against truth/ beside the touches, which simulated logs have, not against what was measured
+    /// Score against the true torques in truth/ beside the touches, which simulated logs have, instead of the measured
+    /// ones
     #[arg(long)]
     truth: bool,
     /// Print everything as JSON
@@ -69,7 +70,7 @@ pub(crate) struct Args {
     settings: AllSettings,
 }
 
-/// An object with how well its touches were predicted.
+/// An object with its settings and the scores of its touches.
 struct Studied {
     name: String,
     configs: Vec<MapperConfig>,
@@ -175,7 +176,7 @@ impl Args {
     }
 }
 
-/// Each of the settings with each of the values; as they are without a value.
+/// Every setting of the grid with each of the values; the grid itself if there are no values.
 fn vary(
     grid: Vec<MapperConfig>,
     values: &[f64],
@@ -192,7 +193,7 @@ fn vary(
     grid.iter().flat_map(|config| values.iter().map(|&value| with(config, value))).collect()
 }
 
-/// The tables.
+/// The tables of the study as text.
 fn text(studied: &[Studied], relative: &[Vec<Option<f64>>], chosen: &[Option<usize>]) -> String {
     let names: Vec<&str> = studied.iter().map(|object| &*object.name).collect();
     let mut head = vec!["settings"];
@@ -263,7 +264,7 @@ fn parts(studied: &[Studied]) -> String {
     table(&head, rows)
 }
 
-/// A row an object, a column a number of touches.
+/// A table with a row for each object and a column for each number of touches.
 fn curves(studied: &[Studied]) -> String {
     let longest = studied.iter().map(|object| &object.scores.by_touches_learnt);
     let counts: Vec<usize> = longest

@@ -1,4 +1,4 @@
-//! `palpate torque`: the external torque of every joint with its standard deviation, and when something is touched.
+//! `palpate torque`: the external torque of every joint with its standard deviation, and contact detection.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -27,13 +27,13 @@ const NOTES: &str = "Examples:
   palpate torque push.mcap --robot fr3.urdf --arm arm.toml --free free.mcap --false-alarms 0.1 -o torques.mcap
   palpate torque push.mcap --robot fr3.urdf --arm arm.toml --wrench-link fr3_hand_tcp -o torques.parquet
 
-Without --arm, of `palpate identify`, masses are the URDF's, friction and the sensors' bias are not known and
-stay in the torques, and the standard deviation is a guess from the effort limits. --tare-frames N takes off
-the mean of the first N samples of each touch; nothing else is taken for a tare here.
+Without --arm (a file of `palpate identify`), the masses are those of the URDF, friction and sensor bias are not
+known and remain in the torques, and the standard deviation is a guess from the effort limits. --tare-frames N
+subtracts the mean of the first N samples of each touch; by default no tare is subtracted.
 
-Something counts as touched where the largest torque of any joint, over its standard deviation, passes a
-threshold that contact-free motion passes --false-alarms times an hour: that of --free, or what was held
-out in identification.";
+A contact is reported where the torque of any joint, divided by its standard deviation, exceeds a threshold.
+Contact-free motion exceeds this threshold --false-alarms times per hour; it is determined from the logs of
+--free, or from the motion that was held out in identification.";
 
 /// Flags of `palpate torque`.
 #[derive(Debug, clap::Args)]
@@ -42,22 +42,22 @@ pub(crate) struct Args {
     /// Logs
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Where the torques go
+    /// Output file of the torques
     #[arg(long, short, value_name = "FILE.csv|.parquet|.mcap")]
     output: Option<PathBuf>,
-    /// Logs in which nothing is touched: how often they pass the threshold sets it
+    /// Logs of contact-free motion, from which the contact threshold is determined
     #[arg(long, value_name = "LOG")]
     free: Vec<PathBuf>,
-    /// False alarms an hour [default: 1]
+    /// Accepted false alarms per hour [default: 1]
     #[arg(long, value_name = "PER_HOUR", value_parser = number_in(FALSE_ALARMS_PER_HOUR, "a number of alarms an hour above 0, 3600 at most"))]
     false_alarms: Option<f64>,
-    /// Low-pass of the first order for the torques, Hz [default: none]
+    /// Cutoff frequency of a first-order low-pass filter for the torques, Hz [default: no filter]
     #[arg(long, value_name = "HZ", value_parser = number_in(BANDWIDTH_HZ, "a frequency from 0.001 to 100000 Hz"))]
     bandwidth_hz: Option<f64>,
-    /// Use the past alone at each sample, as `palpate live` does
+    /// Use only past samples at each sample, as `palpate live` does
     #[arg(long)]
     causal: bool,
-    /// Link at whose origin the force and moment are given that explain the torques best, in base axes
+    /// Also give the force and moment at the origin of this link that explain the torques best, in base axes
     #[arg(long, value_name = "LINK")]
     wrench_link: Option<String>,
     /// Print contacts and noise as JSON
@@ -128,7 +128,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
 }
 
-/// The format that the ending of a file of torques means.
+/// The format that belongs to the ending of the output file.
 fn format_of(path: &Path) -> Result<TorqueFormat, CliError> {
     let formats = [
         ("csv", TorqueFormat::Csv),
@@ -142,7 +142,7 @@ fn format_of(path: &Path) -> Result<TorqueFormat, CliError> {
     Ok(format)
 }
 
-/// Opens logs, their torques external ones, with their arm.
+/// Opens logs that give external torques; also returns their arm and the model of the torques.
 fn open(
     paths: &[PathBuf],
     settings: &mut Settings,
@@ -171,7 +171,7 @@ fn rows(found: &[TouchTorques], threshold: f64) -> Vec<TorqueRow<'_>> {
     rows.collect()
 }
 
-/// How near the torques came to the threshold.
+/// The message if no contact was found, with the largest torque.
 fn nothing_found(found: &[TouchTorques], from: ThresholdSource) -> String {
     let frames = found.iter().flat_map(|touch| {
         touch.frames.iter().enumerate().map(move |(sample, frame)| (touch, sample, frame))
@@ -197,7 +197,7 @@ fn nothing_found(found: &[TouchTorques], from: ThresholdSource) -> String {
     )
 }
 
-/// A figure of each joint's values over the samples of a touch.
+/// `figure` of each joint's values over the samples of a touch.
 fn of_joints(
     touch: &TouchTorques,
     of: fn(&TorqueFrame) -> &[f64],
@@ -208,7 +208,7 @@ fn of_joints(
     (0..n).map(|j| figure(&values(j))).collect()
 }
 
-/// N·m, by joint.
+/// Root mean square of the external torque of each joint, N·m.
 fn rms_torque(touch: &TouchTorques) -> Vec<f64> {
     let rms = |values: &[f64]| {
         let count = values.len().max(1) as f64;
@@ -217,7 +217,7 @@ fn rms_torque(touch: &TouchTorques) -> Vec<f64> {
     of_joints(touch, |frame| frame.external.torque.as_slice(), rms)
 }
 
-/// N·m, by joint.
+/// Median standard deviation of the external torque of each joint, N·m.
 fn median_std(touch: &TouchTorques) -> Vec<f64> {
     let median = |values: &[f64]| median(values).unwrap_or(f64::NAN);
     of_joints(touch, |frame| frame.external.std.as_slice(), median)

@@ -22,7 +22,8 @@ const NOTES: &str = "Examples:
 
 Contact distance, friction, prior, torque noise, replays and stiffness scale are chosen by
 cross-validation: touches are predicted from other touches under candidate settings around the given
-ones, and successive halving keeps the better third of them, then the best. Measured torques decide; truth/ is not read.
+ones, and successive halving keeps the better third of them, then the best. Only measured torques are
+used, never truth/.
 
 To know how well tuned settings predict touches that they were not chosen on, use
 `palpate evaluate --tune`, which chooses them anew in every fold.";
@@ -34,16 +35,16 @@ pub(crate) struct Args {
     /// Logs of the touches
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Where the settings go, with the evidence as remarks
+    /// Output file of the settings, with the errors of all candidates as comments
     #[arg(long, short, value_name = "FILE.toml")]
     output: PathBuf,
-    /// Settings to try, of which those given are the first [default: 24, 12 for ekf]
+    /// Number of candidate settings, including the given ones [default: 24, 12 for ekf]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1000))]
     candidates: Option<u32>,
-    /// Choose what is not given among few settings, in seconds, as `palpate map` does
+    /// Choose only settings that are not given, among few candidates, in seconds, as `palpate map` does
     #[arg(long, conflicts_with = "candidates")]
     quick: bool,
-    /// Print the evidence as JSON
+    /// Print the errors of all candidates as JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -80,7 +81,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
 }
 
-/// The settings as a file that `--settings` reads, the evidence on top.
+/// The settings as a file that `--settings` reads, with the table of candidates as comments on top.
 fn toml(tuned: &Tuned, given: &Settings) -> Result<String, CliError> {
     let settings = tuned_settings(tuned, given);
     let mut text = String::new();
@@ -90,7 +91,7 @@ fn toml(tuned: &Tuned, given: &Settings) -> Result<String, CliError> {
     Ok(format!("{text}\n{}", settings.template()?))
 }
 
-/// A row a candidate: what it is, and how it did.
+/// A table with a row for each candidate: its settings, and its error in each round.
 fn evidence(tuned: &Tuned, given: &MapperConfig) -> String {
     let text = "Chosen by cross-validation on measured torques of touches not learnt from: mean \
                     relative\nerror after each round, of thinned frames; few folds, more folds, \

@@ -63,7 +63,7 @@ fn a_log_of_another_robot_is_refused() {
 }
 
 #[test]
-fn a_torque_that_is_no_number_is_met_with_its_place() {
+fn a_torque_that_is_no_number_is_reported_with_its_place() {
     for bad in [f64::NAN, f64::INFINITY] {
         let scene = Scene::new();
         let mut torques = [[0.0; 2]; 40];
@@ -83,7 +83,7 @@ fn a_truncated_array_is_named_before_any_work() {
 }
 
 #[test]
-fn a_robot_that_is_none_is_named() {
+fn a_file_that_is_no_robot_is_named() {
     refuse_robot(
         r#"<parent link="base"/><child link="upper"/>"#,
         r#"<parent link="fore"/><child link="upper"/>"#,
@@ -123,7 +123,7 @@ fn settings_out_of_range_are_refused() {
 }
 
 #[test]
-fn a_settings_file_with_a_misspelt_key_is_met_with_its_line() {
+fn a_misspelt_key_of_a_settings_file_is_reported_with_its_line() {
     let scene = Scene::new();
     fs::write(scene.path("p.toml"), "[contact]\nfrictoin = 0.2\n").unwrap();
     let mut command = scene.map(&["log"], &["--settings", &scene.text("p.toml")]);
@@ -149,7 +149,7 @@ fn a_place_that_cannot_be_written_is_refused_before_any_work() {
 fn a_full_disk_leaves_the_older_field_as_it_was() {
     let scene = Scene::new();
     fs::write(scene.path("out/field.npz"), "older").unwrap();
-    // A file may grow to 512 bytes only, and the signal that says so is off.
+    // Files are limited to 512 bytes, and the signal that is sent at the limit is ignored.
     let limited = r#"trap "" XFSZ; ulimit -f 1; exec "$0" "$@""#;
     let map = scene.map(&["log"], &[]);
     let mut command = std::process::Command::new("sh");
@@ -160,7 +160,7 @@ fn a_full_disk_leaves_the_older_field_as_it_was() {
 }
 
 #[test]
-fn a_field_that_is_none_is_refused() {
+fn a_file_that_is_no_field_is_refused() {
     let scene = Scene::new();
     refuse(&mut scene.predict(&["log"], &[]), 1, &["field.npz"]);
     fs::write(scene.path("out/field.npz"), "no archive").unwrap();

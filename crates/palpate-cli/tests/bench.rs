@@ -1,4 +1,4 @@
-//! The command measures what it says, and says what it measured.
+//! `palpate bench`: its figures are complete and consistent, and it times what was chosen.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -8,7 +8,7 @@ use std::process::Command;
 use common::{Scene, json, palpate, refuse, succeed};
 use serde_json::Value;
 
-/// `palpate bench` of some logs, with everything small.
+/// `palpate bench` of some logs, with settings that make it fast.
 fn bench(scene: &Scene, logs: &[&str], more: &[&str]) -> Command {
     let mut command = palpate();
     command.arg("bench").args(logs.iter().map(|log| scene.path(log))).args(scene.settings());
@@ -45,7 +45,7 @@ const NUMBERS: [&str; 20] = [
     "shape.2",
 ];
 
-/// Holds a measurement to all that holds for any.
+/// Checks everything that is true of any measurement.
 #[track_caller]
 fn check(figures: &Value) {
     for key in NUMBERS {

@@ -1,4 +1,4 @@
-//! What `compare` and `forget` promise.
+//! `palpate compare`, `next` and `forget`.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -22,12 +22,12 @@ fn numbers(path: &Path) -> Vec<f64> {
 }
 
 #[test]
-fn an_object_that_gives_way_is_distinguished_from_one_that_is_the_same() {
+fn a_softer_object_is_distinguished_from_an_unchanged_one() {
     let scene = Scene::new();
     let field = scene.text("field.npz");
     let learned = [0, 1, 2, 3, 4, 5, 8].map(|k| data().join(format!("seq_{k:03}")));
     succeed(palpate().arg("map").args(&learned).args(["-o", &field]));
-    // The same touch, of an object that gives way at once: most of the external torque is subtracted.
+    // The same touch of a much softer object: most of the external torque is subtracted.
     let mut torques = numbers(&data().join("seq_003/torques.npy"));
     let external = numbers(&data().join("truth/seq_003_external.npy"));
     torques.iter_mut().zip(&external).for_each(|(torque, external)| *torque -= 0.9 * external);
@@ -68,7 +68,7 @@ fn a_field_without_bands_compares_nothing() {
 fn the_motion_that_is_most_like_the_task_is_proposed_and_written() {
     let scene = Scene::new();
     succeed(&mut scene.map(&["log/seq_0"], &[]));
-    // Planned ones: tables without torques.
+    // Planned motions: tables without torques.
     let swing = |name: &str, elbow: f64| {
         let rows = (0..40_i32).map(|t| {
             format!(
@@ -96,7 +96,7 @@ fn the_motion_that_is_most_like_the_task_is_proposed_and_written() {
     assert_eq!((&proposals[0]["name"], proposals.len()), (&"near".into(), 2), "{found}");
     let left = |k: usize| proposals[k]["variance_left"].as_f64().unwrap();
     assert!(left(0) < 0.5 && left(1) <= left(0), "{found}");
-    // What was written is a candidate again, and the same motion.
+    // The written motion can be a candidate, and is the same motion.
     let again = json(
         palpate()
             .args(["next", &scene.text("out/field.npz"), "--candidates", &best])
@@ -113,7 +113,7 @@ fn the_motion_that_is_most_like_the_task_is_proposed_and_written() {
     refuse(&mut next(&["--task", &scene.text("nothing")]), 1, &["nothing"]);
     let nan = ["--box", "nan", "0", "0", "1", "1", "1"];
     refuse(&mut next(&nan), 2, &["a finite number of m"]);
-    // An elbow that bends less far.
+    // An elbow with smaller joint limits.
     let urdf = fs::read_to_string(scene.path("tiny.urdf")).unwrap();
     let (before, elbow) = urdf.split_at(urdf.find("<joint name=\"elbow\"").unwrap());
     let limit = "\"revolute\"><limit lower=\"-1\" upper=\"1.5\" effort=\"9\" velocity=\"2\"/>";
@@ -151,7 +151,7 @@ fn a_forgotten_touch_leaves_the_field_of_the_others() {
     let text = succeed(&mut forget(&["--older-than", "1"]));
     assert!(text.contains("forgotten") && text.contains("seq_0"), "{text}");
     assert_eq!(load(rest.as_ref()).unwrap().field, load(one.as_ref()).unwrap().field);
-    // Everywhere: both are forgotten.
+    // A box around everything: both touches are forgotten.
     let all = json(&mut forget(&["--box", "-9", "-9", "-9", "9", "9", "9", "--json"]));
     assert_eq!((&all["touches"], &all["cells_touched"]), (&0.into(), &0.into()), "{all}");
 

@@ -1,4 +1,4 @@
-//! A field with a body that bends: `map`, `predict` and `evaluate` agree, and mapping goes on.
+//! A field with a body that bends: `map`, `predict` and `evaluate` agree, and mapping can continue.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -14,7 +14,7 @@ fn bundled(file: &str) -> String {
     format!("{}/data/plant_a/{file}", env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The first samples of a bundled touch, its still start and the way in.
+/// The first samples of a bundled touch: its still start and the approach.
 fn beginning(scene: &Scene, touch: &str, samples: usize) -> String {
     let (mut times, mut q, mut tau) = (Vec::new(), Vec::new(), Vec::new());
     for event in log::open(Path::new(&bundled(touch)), &LogOptions::default()).unwrap() {
@@ -49,7 +49,7 @@ fn a_field_with_a_body_predicts_what_evaluate_says_and_goes_on_as_if_learnt_at_o
     assert_eq!(summary["estimator"], "elastic");
     assert!(summary["elastic"]["share"].as_f64().unwrap() > 0.1, "{summary}");
     assert!(summary["bands"].is_null(), "{summary}");
-    // Its springs alone would pass motions that exceed the limit.
+    // The field's springs without the body would accept motions that exceed the limit.
     let mut next = palpate();
     next.args(["next", &scene.text("both.npz"), "--candidates", &c, "--limit", "5"]);
     refuse(&mut next, 2, &["elastic body", "without a body"]);
@@ -75,7 +75,7 @@ fn a_field_with_a_body_predicts_what_evaluate_says_and_goes_on_as_if_learnt_at_o
 }
 
 #[test]
-fn without_a_touch_a_body_is_taken_as_others_are_and_predicts_more_than_zero() {
+fn without_a_touch_a_body_has_a_typical_stiffness_and_predicts_better_than_zero() {
     let scene = Scene::new();
     let field = scene.text("field.npz");
     let mut command = palpate();
@@ -117,7 +117,7 @@ fn a_plant_of_several_pictures_is_held_at_its_root() {
 }
 
 #[test]
-fn a_body_that_nothing_makes_and_a_cloud_that_nothing_uses_are_refused() {
+fn elastic_without_a_body_and_a_cloud_that_is_not_used_are_refused() {
     let scene = Scene::new();
     let cloud = bundled("object.ply");
     let words = ["elastic", "--cloud"];

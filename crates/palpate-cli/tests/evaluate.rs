@@ -1,4 +1,4 @@
-//! What `evaluate` promises to programs, to those who break it off, and to those who err.
+//! `palpate evaluate`: its results for programs, interruption and continuation, and bad input.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -9,7 +9,7 @@ use std::process::Command;
 use common::{Scene, json, names, npy, palpate, refuse, stderr, succeed};
 use serde_json::Value;
 
-/// What is quick to learn, from each kind of method.
+/// Quick methods, one of each kind.
 const QUICK: &str = "map,ekf,knn,uniform,zero";
 
 /// `palpate evaluate` of some logs into `out/e` with quick methods.
@@ -44,14 +44,14 @@ fn list(value: &Value) -> Vec<&str> {
     value.as_array().unwrap().iter().map(|row| row["name"].as_str().unwrap()).collect()
 }
 
-/// The result without the place of its files.
+/// The result without the path of its folder.
 fn without_folder(mut report: Value) -> Value {
     report.as_object_mut().unwrap().remove("folder");
     report
 }
 
 #[test]
-fn bands_are_held_against_touches_that_they_were_not_calibrated_on() {
+fn bands_are_tested_on_touches_that_they_were_not_calibrated_on() {
     let scene = three();
     for (number, elbow) in [(3, 0.2), (4, 0.25), (5, 0.35)] {
         scene.touch(&format!("log/seq_{number}"), 50, elbow);
@@ -60,7 +60,7 @@ fn bands_are_held_against_touches_that_they_were_not_calibrated_on() {
     let map = json(&mut run)["methods"][0].clone();
     let coverage = &map["coverage"];
     let number = |key: &str| coverage[key].as_f64().unwrap();
-    assert_eq!(number("level"), 0.9); // five touches are too few for it, so it is that of other objects
+    assert_eq!(number("level"), 0.9); // too few touches for own bands: those of other objects
     assert!(map["coverage_of_other_objects"]["torque_share"].as_f64().unwrap() > 0.5);
     assert!(
         (0.0..=1.0).contains(&number("torque_share"))
@@ -145,7 +145,7 @@ fn the_folder_of_results_holds_a_page_of_its_own_and_every_number() {
         assert!(text.starts_with("<svg"), "{figure}");
     }
     let page = fs::read_to_string(folder.join("report.html")).unwrap();
-    // What stands between the scripts; a library within one may speak of addresses.
+    // The text outside of scripts; a library in a script may contain addresses.
     let pieces = page.split("<script").enumerate().map(|(number, piece)| match number {
         0 => piece.to_owned(),
         _ => {
@@ -185,7 +185,7 @@ fn a_single_touch_leaves_nothing_to_learn_from() {
 }
 
 #[test]
-fn divisions_that_cannot_be_are_refused_with_a_remedy() {
+fn impossible_divisions_are_refused_with_a_remedy() {
     let scene = three();
     let refuse = |more: &[&str], words: &[&str]| refuse_all(&scene, &["log"], more, 2, words);
     refuse(&["--folds", "4"], &["--folds is 4", "only 3 touches", "3 is leave-one-touch-out"]);
@@ -312,7 +312,7 @@ fn an_arm_that_stands_still_is_named_and_does_not_keep_others_from_being_scored(
 }
 
 #[test]
-fn truth_is_scored_against_where_it_is_and_missed_by_name() {
+fn truth_is_used_if_it_exists_and_otherwise_the_touch_is_named() {
     let scene = Scene::new();
     refuse_all(
         &scene,
@@ -338,7 +338,7 @@ fn truth_is_scored_against_where_it_is_and_missed_by_name() {
 }
 
 #[test]
-fn a_torque_that_is_no_number_is_met_with_its_sample() {
+fn a_torque_that_is_no_number_is_reported_with_its_sample() {
     let scene = Scene::new();
     let mut torques = [[0.0; 2]; 40];
     torques[20][1] = f64::NAN;
@@ -364,7 +364,7 @@ fn quiet_means_nothing_but_the_result_and_what_looks_wrong() {
 }
 
 #[test]
-fn a_folder_that_cannot_be_is_refused_before_any_work() {
+fn a_folder_that_cannot_be_made_is_refused_before_any_work() {
     let scene = Scene::new();
     let refuse = |place: &str, words: &[&str]| {
         refuse(&mut evaluate(&scene, &["log"], &["-o", place]), 1, words);
@@ -497,7 +497,7 @@ mod broken_off {
     }
 
     #[test]
-    fn parts_of_other_settings_are_not_taken() {
+    fn parts_of_other_settings_are_not_reused() {
         let scene = three();
         scene.touch("log/seq_3", 400, -0.2);
         let mut long = evaluate(&scene, &["log"], &["--torque-std", "0.3"]);

@@ -1,4 +1,4 @@
-//! What `palpate convert` makes of a field for programs of others, as they read it. The other side is Python, in the
+//! The files that `palpate convert` makes of a field for other programs, as these read them. They run in the Python
 //! environment that ./setup makes.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
@@ -47,7 +47,7 @@ fn needs_mujoco_pyvista_trimesh_a_field_is_read_by_others_as_it_is() {
 }
 
 #[test]
-fn a_stiffness_that_no_cell_has_and_one_for_a_log_are_refused_and_nothing_is_written() {
+fn above_all_cells_or_for_a_log_the_flag_above_is_refused_and_nothing_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let field = mapped(folder.path(), "data/plant_a/seq_000");
     let touch = root().join("data/plant_a/seq_000");

@@ -1,4 +1,4 @@
-//! What `extrapolate` promises: a cloud in its own order, a field to go on from, and clear refusals.
+//! `palpate extrapolate`: a cloud in its own order, a field to continue from, and bad input.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -47,7 +47,7 @@ fn object() -> Cloud {
     cloud::read(&plant().join("object.ply")).unwrap().cloud
 }
 
-/// Every so-manyth point of the object, moved and with or without its colours, as PLY.
+/// Every n-th point of the object, moved and with or without its colours, as PLY.
 fn written(path: &Path, every: usize, by: Vector3<f64>, coloured: bool) -> PathBuf {
     let object = object();
     let points: Vec<Point3<f64>> = object.points().iter().step_by(every).map(|p| p + by).collect();
@@ -86,7 +86,7 @@ fn every_point_gets_a_stiffness_in_the_clouds_own_order() {
 fn a_picture_with_depth_serves_as_a_cloud_and_truth_is_read_only_when_asked() {
     let out = tempfile::tempdir().unwrap();
     let npz = out.path().join("seen.npz");
-    // The folder of the set, of which rgbd/ is taken; the box leaves floor and walls out.
+    // The folder of the data set, whose rgbd/ is used; the box excludes floor and walls.
     let mut command = extrapolate("field.npz", &plant(), &npz);
     command.args(["--crop-low-m=0.2,-0.4,0.02", "--crop-high-m=1.0,0.4,1.0", "--json"]);
     let summary = json(&mut command);
@@ -221,7 +221,7 @@ fn a_field_without_memory_falls_back_on_its_cells() {
 }
 
 #[test]
-fn clouds_that_say_nothing_are_refused_and_nothing_is_written() {
+fn useless_clouds_are_refused_and_nothing_is_written() {
     let out = tempfile::tempdir().unwrap();
     let path = |name: &str| out.path().join(name);
     let npz = path("seen.npz");

@@ -1,4 +1,4 @@
-//! `palpate identify`, `torque` and `excite` on simulated logs, and what they say of logs that do not serve.
+//! `palpate identify`, `torque` and `excite` on simulated logs, and their messages for unsuitable logs.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -63,7 +63,7 @@ fn write_logs(folder: &Path, pushed: bool) {
     }
 }
 
-/// Writes the log as Universal Robots' RTDE does: parted by blanks, with motor currents; 1 A is `n_m` N·m.
+/// Writes the log as Universal Robots' RTDE does: separated by spaces, with motor currents; 1 A is `n_m` N·m.
 fn write_currents(folder: &Path, log: &Path, n_m: f64) {
     fs::create_dir(folder).unwrap();
     for touch in 0..3 {
@@ -141,7 +141,7 @@ fn an_arm_is_identified_and_its_torques_show_the_contact() {
     for joint in found["joints"].as_array().unwrap() {
         assert!((joint["coulomb_n_m"]["value"].as_f64().unwrap() - 0.4).abs() < 0.04, "{joint}");
     }
-    // The URDF weighs what the arm does.
+    // The URDF has the masses of the identified arm.
     let urdf = Robot::from_urdf(&fs::read_to_string(path("arm.urdf")).unwrap()).unwrap();
     let model: Vec<f64> = serde_json::from_value(found["model"]["inertial"].clone()).unwrap();
     let off = urdf.inertial_parameters() - nalgebra::DVector::from_vec(model);
@@ -168,7 +168,7 @@ fn an_arm_is_identified_and_its_torques_show_the_contact() {
         assert!((from - 4.0).abs() < 0.3 && (to - 5.0).abs() < 0.3, "{file}: {from} to {to}");
         assert_eq!(contacts[0]["touch"], "seq_2");
     }
-    // Another program's view of the files: the bag holds the torques, as many as there were samples.
+    // The files as other programs read them: both have as many rows as there were samples.
     let table = fs::read_to_string(path("t.csv")).unwrap();
     assert_eq!(table.lines().count(), 1 + 3 * FRAMES);
     assert!(table.starts_with("touch,time,Actuator1_torque,"), "{}", &table[..60]);
@@ -177,10 +177,10 @@ fn an_arm_is_identified_and_its_torques_show_the_contact() {
     assert_eq!(samples.count(), 3 * FRAMES);
 }
 
-/// How the torques of these logs count.
+/// The flags for sign and gravity of the torques of these logs.
 const MEASURED: [&str; 4] = ["--torque-sign", "plus", "--gravity", "included"];
 
-/// Writes `free`, `pushed` and `arm.toml`, the arm that the first says.
+/// Writes `free`, `pushed` and `arm.toml`, the arm identified from `free`.
 fn write_identified(folder: &Path) {
     write_logs(&folder.join("free"), false);
     write_logs(&folder.join("pushed"), true);
@@ -206,7 +206,7 @@ fn write_changed(from: &Path, to: &Path, change: impl Fn(&mut Sample)) {
     npy(&to.join("time.npy"), &[FRAMES], &times);
 }
 
-/// What a command that succeeds prints, on stdout and on stderr.
+/// Runs a command that must succeed, and returns its stdout and stderr.
 fn printed(command: &mut Command) -> (String, String) {
     let done = command.output().unwrap();
     assert!(done.status.success(), "{}", common::stderr(&done));
@@ -238,7 +238,7 @@ fn of_free_motion_the_next_command_finds_no_contact_and_says_how_near_it_came() 
     assert!(!stderr.contains("warning"), "{stderr}");
     let (_, stderr) = printed(torque(&free, &arm).args(["--bandwidth-hz", "2"]));
     assert!(stderr.contains("warning: the threshold was found on torques"), "{stderr}");
-    // The motion begins at once, which an identified arm may do.
+    // The motion begins at once, which is allowed with an identified arm.
     let mut inspect = palpate();
     inspect.args(["inspect", "--json"]).arg(&free);
     assert!(String::from_utf8(inspect.output().unwrap().stdout).unwrap().contains("no_start"));
@@ -292,7 +292,7 @@ fn what_looks_wrong_with_a_log_is_reported_before_its_torques_are_used() {
         stderr.contains("are they in mN·m?") && stderr.contains("warning: on motion"),
         "{stderr}"
     );
-    // Looks well as it is logged, and nothing explains it.
+    // The log passes the checks, but no parameters of an arm explain its torques.
     let count = Cell::new(0);
     let shake = |sample: &mut Sample| {
         count.set(count.get() + 1);
@@ -311,7 +311,7 @@ fn a_field_of_an_identified_arm_goes_on_with_it_and_not_without() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     write_identified(folder.path());
-    // A field of it remembers how sure each torque was, and goes on from there.
+    // The field remembers the standard deviation of each torque, and mapping continues from it.
     let map = |from: &[&str], out: &str| {
         let mut map = palpate();
         map.args(["--quiet", "map", "--tune=off"]).arg(path("pushed/seq_2")).args(from);
@@ -335,7 +335,7 @@ fn a_field_of_an_identified_arm_goes_on_with_it_and_not_without() {
     };
     succeed(predict(&MEASURED).arg("--no-tare"));
     succeed(predict(&MEASURED).arg("--arm").arg(path("arm.toml")));
-    // Touches that are called alike stay apart.
+    // Touches with the same name stay separate.
     let mut torque = palpate();
     torque.args(["--quiet", "torque", "--json"]).arg(path("pushed")).arg(path("free"));
     torque.args(MEASURED).arg("--arm").arg(path("arm.toml")).arg("-o").arg(path("both.csv"));
@@ -357,7 +357,7 @@ fn settings_are_chosen_from_external_torques() {
     assert!(done.status.success(), "{}", common::stderr(&done));
     let field = palpate_io::field::load(&path("field.npz")).unwrap().field;
     assert!(field.touch.identified);
-    // Of free motion nothing but noise is left, so that no cell is stiff.
+    // In free motion only noise remains, so that no cell is stiff.
     let stiffest = field.stiffness_n_per_m.iter().copied().fold(0.0, f64::max);
     assert!(stiffest < 5.0, "{stiffest} N/m");
 }
@@ -385,7 +385,7 @@ fn logs_that_cannot_serve_say_what_is_missing() {
         2,
         &["no joint moves a link `hand`"],
     );
-    // Axes that gravity does not turn, and no clock.
+    // Joints on which gravity exerts no torque, and no clock.
     let report = json(run(&[&log, "--quiet", "--json"]).args(included));
     let notes = report["notes"].as_array().unwrap();
     let says = |words: &str| notes.iter().any(|note| note.as_str().unwrap().contains(words));
@@ -431,7 +431,7 @@ fn a_joint_that_the_log_calls_otherwise_is_renamed() {
     refuse(run(&[&named, "--rename", "a=wrist"]).args(included), 2, &["--rename", "joint `wrist`"]);
     let report = json(run(&[&named, "--quiet", "--json", "--rename", "a=shoulder"]).args(included));
     assert_eq!(report["joints"][0]["name"], "a");
-    // Two names change places.
+    // Two names are exchanged.
     let swapped = table.replace("a_", "x_").replace("elbow", "shoulder").replace("x_", "elbow_");
     fs::write(scene.path("swapped.csv"), format!("{swapped}{text}")).unwrap();
     let both = ["--rename", "elbow=shoulder", "--rename", "shoulder=elbow"];

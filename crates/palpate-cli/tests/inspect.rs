@@ -1,4 +1,4 @@
-//! `palpate inspect` of logs: each defect is found, alone, and nothing in a log without any.
+//! `palpate inspect` of logs: each defect gives one finding, and a log without defects gives none.
 #![allow(clippy::unwrap_used)] // clippy takes only functions marked as tests for tests
 
 mod common;
@@ -18,13 +18,13 @@ fn look(touches: &[Touch], flags: &[&str]) -> (Option<i32>, Value) {
     run(inspect().arg(folder.path()).args(flags))
 }
 
-/// Asserts that one finding, a warning, is all there is, and returns it.
+/// Asserts that there is exactly one finding, a warning, and returns it.
 #[track_caller]
 fn only(touches: &[Touch], flags: &[&str], code: &str) -> Value {
     only_at("warning", touches, flags, code)
 }
 
-/// The same of another level.
+/// The same for a finding of this level.
 #[track_caller]
 fn only_at(level: &str, touches: &[Touch], flags: &[&str], code: &str) -> Value {
     let (exit, report) = look(touches, flags);
@@ -40,7 +40,7 @@ fn nothing(touches: &[Touch], flags: &[&str]) {
     assert_eq!((exit, codes(&report)), (Some(0), vec![]), "{}", report["paths"][0]["findings"]);
 }
 
-/// Asserts how the torques are read.
+/// Asserts which sign and gravity of the torques were found.
 #[track_caller]
 fn read(report: &Value, sign: &str, gravity: &str) {
     let reading = &report["paths"][0]["reading"];
@@ -48,7 +48,7 @@ fn read(report: &Value, sign: &str, gravity: &str) {
     assert_eq!(read, [sign, gravity], "{reading}");
 }
 
-/// Asserts that the torques are read so, and nothing looks wrong, if no flag says how.
+/// Asserts that, without flags, this sign and gravity are found and nothing looks wrong.
 #[track_caller]
 fn read_without_flags(touches: &[Touch], sign: &str, gravity: &str) {
     nothing(touches, &[]);
@@ -266,7 +266,7 @@ fn fingers_that_are_not_in_a_log_stand_still_and_are_named() {
     let message = common::stderr(&refused);
     assert!(refused.status.code() == Some(2) && message.contains("`nose`"), "{message}");
 
-    // A wrist that goes by another name is no finger.
+    // A wrist with another name is not a finger.
     let mut joints = joints;
     joints[6] = "gen3_wrist".to_owned();
     write_csv(&path("named.csv"), touch, &joints.each_ref().map(String::as_str));
@@ -348,14 +348,14 @@ fn gaps_and_clocks_that_go_wrong_are_reported() {
     let mut touches = clean();
     touches.iter_mut().flat_map(|touch| &mut touch.time_s).for_each(|time| *time *= 1e9);
     says(&only(&touches, &[], "time_unit"), &["nanoseconds"]);
-    // Two seconds a sample are no wonder but for the speeds, as where 1 kHz is logged in ms.
+    // A period of 2 s is plausible, but the speeds are not: for example a log in ms.
     touches.iter_mut().flat_map(|touch| &mut touch.time_s).for_each(|time| *time *= 4e-8);
     says(&only(&touches, &[], "time_unit"), &["2.000 s", "hardly moves", "milliseconds"]);
 }
 
 #[test]
 fn stamps_that_are_not_when_the_joints_were_read_are_noted() {
-    // The robot speaks every 34 ms, and a node publishes what it said last every 33.3 ms.
+    // The robot reports every 34 ms, and a node publishes its last report every 33.3 ms.
     let stamps = (0..300).map(|k| f64::from(k) / 30.0).collect::<Vec<_>>();
     let robot = Maker::new().robot;
     let swinging = |touch: &Touch, read_s: &dyn Fn(f64) -> f64| {
@@ -431,7 +431,7 @@ fn torques_that_come_late_are_reported_with_their_delay() {
         for (row, tau) in touch.tau.iter_mut().enumerate() {
             tau.clone_from(&on_time[row.saturating_sub(8)]);
         }
-        // What was measured before the log begins has its own noise.
+        // Samples from before the start of the log have their own noise.
         for row in 0..8 {
             touch.tau[row].clone_from(&on_time[STILL - 8 + row]);
         }
@@ -454,7 +454,7 @@ fn a_jump_is_reported_and_a_wrapped_angle_is_none() {
 }
 
 #[test]
-fn angles_that_count_whole_turns_look_as_others_do() {
+fn wrapped_angles_look_as_others_do() {
     let ways = |touches: &[Touch], flags: &[&str]| -> Vec<f64> {
         nothing(touches, flags);
         let report = look(touches, flags).1;
@@ -466,7 +466,7 @@ fn angles_that_count_whole_turns_look_as_others_do() {
     let angles = |touches: &mut Vec<Touch>, change: &dyn Fn(f64) -> f64| {
         touches.iter_mut().flat_map(|touch| &mut touch.q).flatten().for_each(|q| *q = change(*q));
     };
-    // A turn begins on the way of Actuator2, and where Actuator6 rests.
+    // The angles wrap within the motion of Actuator2, and at the rest position of Actuator6.
     angles(&mut touches, &|q| (q - 0.8).rem_euclid(std::f64::consts::TAU) + 0.8);
     assert!(touches[0].q[0][1] > 6.9 && touches[0].q[50][1] < 1.0);
     for (factor, flags) in [(1.0, [].as_slice()), (1_f64.to_degrees(), &["--angle-unit", "deg"])] {
@@ -570,7 +570,7 @@ fn strict_makes_warnings_count() {
 }
 
 #[test]
-fn paths_that_are_nothing_are_reported() {
+fn paths_of_no_known_kind_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     fs::write(path("notes.md"), "not a log").unwrap();

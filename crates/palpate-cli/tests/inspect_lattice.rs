@@ -12,7 +12,8 @@ use common::{Scene, json, palpate, refuse, stderr};
 use recording::{codes, first, run};
 use serde_json::Value;
 
-/// A part of what the arm sweeps, coarser than the default, under another contact model.
+/// A lattice in a part of what the arm sweeps, coarser than the default, with another contact
+/// model.
 const LATTICE: [&str; 8] = [
     "--spacing-m",
     "0.025",
@@ -23,7 +24,7 @@ const LATTICE: [&str; 8] = [
     "--contact-distance-m",
     "0.03",
 ];
-/// Where the arm never is.
+/// A box that the arm never reaches.
 const ELSEWHERE: [&str; 4] = ["--box-low-m", "2,2,2", "--box-high-m", "2.5,2.5,2.5"];
 
 /// A subcommand on the log of a scene.
@@ -40,7 +41,7 @@ fn command(scene: &Scene, name: &str, flags: &[&str]) -> Command {
     command
 }
 
-/// What an inspection says of the log.
+/// The report of an inspection of the log.
 #[track_caller]
 fn inspect(scene: &Scene, flags: &[&str]) -> Value {
     let (exit, report) = run(&mut command(scene, "inspect", flags));

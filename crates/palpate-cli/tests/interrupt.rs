@@ -28,7 +28,8 @@ fn press(command: &mut Command, words: &str) -> (Option<i32>, String, String) {
     while !said.contains(words) {
         assert_ne!(lines.read_line(&mut said).unwrap(), 0, "{said}");
     }
-    // Many times at once: `ros2 launch` passes on what the terminal has sent to all.
+    // Many signals at once: `ros2 launch` repeats the one that the terminal has sent to all
+    // processes.
     let many = format!("for i in $(seq 100); do kill -INT {}; done", child.id());
     assert!(Command::new("sh").args(["-c", &many]).status().unwrap().success());
     lines.read_to_string(&mut said).unwrap();

@@ -1,5 +1,5 @@
-//! `palpate live` beside a robot that CycloneDDS plays, on loopback. The other side is Python, in
-//! the environment that ./setup makes. Latencies depend on the load of the machine: they are not
+//! `palpate live` beside a robot that CycloneDDS plays, on loopback. The robot runs in the Python
+//! environment that ./setup makes. Latencies depend on the load of the machine: they are not
 //! tested here but measured by `scripts/dds_robot.py`; BENCHMARKS.md has the figures.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
@@ -305,7 +305,7 @@ fn needs_cyclonedds_every_service_answers_and_the_node_is_one_of_ros() {
     let peak = torques.concat().into_iter().map(f64::abs).fold(0.0, f64::max);
     let found = |name: &str| ask[name].as_f64().unwrap();
     assert!((found("peak") - peak).abs() < 1e-12, "{ask}");
-    // The band for the largest torque is nowhere narrower than that of each.
+    // The band for the largest torque is at least as wide as the bands of the single torques.
     let with_band = torques.concat().into_iter().zip(rows("half_width").concat());
     let outer = with_band.map(|(torque, width)| torque.abs() + width).fold(0.0, f64::max);
     assert!(found("level") == 0.9 && outer > peak && found("peak_with_band") >= outer, "{ask}");
@@ -350,7 +350,7 @@ fn needs_cyclonedds_a_simulations_time_and_other_names_are_those_of_ros() {
     let played = ["--rate", "50", "--seconds", "6", "--simulation", "--call", "hand"];
     let robot = result(&mut robot(&domain, &played));
     assert_eq!(robot["failed"], Value::Null, "{robot}");
-    // Unstamped samples are of the simulation's time, which goes at half the speed.
+    // Samples without a stamp get the simulation's time, which runs at half the speed.
     let stamp = robot["stamp"].as_f64().unwrap();
     assert!((1001.0..1100.0).contains(&stamp), "{stamp}");
     let counts = &robot["received"];
@@ -427,7 +427,7 @@ fn needs_cyclonedds_a_body_learns_touch_by_touch_answers_questions_and_goes_on()
         serde_json::from_str(&answer).unwrap()
     };
     live.wait_for("\"state\":\"mapping\"");
-    // A push that comes later: nothing of it is known but the body.
+    // A push that comes later: only the body is known there.
     let touch = concat!(env!("CARGO_MANIFEST_DIR"), "/data/plant_a/seq_003");
     let log = log::open(Path::new(touch), &LogOptions::default()).unwrap();
     let q = log.filter_map(|event| match event.unwrap() {

@@ -1,4 +1,4 @@
-//! What `map` and `predict` promise to programs and to those who go on later.
+//! `palpate map` and `predict`: their results for programs, and mapping in several runs.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -162,7 +162,7 @@ fn with_few_touches_bands_are_those_of_other_objects_and_misfits_are_kept() {
     let bands = &report["bands"];
     assert_eq!(bands["level"], 0.9);
     let share = |key: &str| bands[key].as_f64().unwrap();
-    // Of a touch that was learnt as well.
+    // High, since the touch was also learnt.
     assert!(share("torque_share") > 0.8 && share("half_width_n_m") > 0.0, "{bands}");
     let table = fs::read_to_string(&torques).unwrap();
     assert!(table.lines().next().unwrap().ends_with(",half_width_1,half_width_2"), "{table}");
@@ -211,7 +211,7 @@ fn the_demo_beats_predicting_zero_and_leaves_its_results() {
 fn the_full_demo_compares_all_methods_and_extrapolates() {
     let mut results = vec!["errors.csv", "evaluation.json", "field.npz", "field.svg", "fig4.svg"];
     results.extend(["figures", "report.html", "seen.html", "seen.ply", "torques.svg"]);
-    // The default prior, but given, so that there is a sixth of the settings to choose from.
+    // The default prior as flags, so that only a sixth of the candidate settings remains.
     let flags = ["--full", "--prior-mean", "0", "--prior-std", "0.76"];
     demo_is_better(&flags, &["uniform", "gp", "zero"], &results);
 }
@@ -286,7 +286,7 @@ fn a_fine_field_goes_on_without_its_box() {
         map.args(["-o", &out, "--spacing-m", "0.001"]).args(more);
         map
     };
-    // Above the arm, where nothing is touched and so many points cost nothing.
+    // Above the arm, where nothing is touched, so that many points cost nothing.
     let small = ["--box-low-m", "0.6,0.1,0.3", "--box-high-m", "0.8,0.3,0.5"];
     succeed(&mut map("log/seq_0", &small));
     succeed(&mut map("log/seq_1", &["--from", &out]));

@@ -64,7 +64,7 @@ fn predict_refuses_to_write_over_its_inputs() {
     for log in ["tables", "tables/a.csv"] {
         refuse(&mut scene.predict(&[log], &["-o", &table]), 2, &["a file of the log"]);
     }
-    // Beside touches as arrays a table is not read, and may be written again.
+    // A table beside touches as arrays is not read, and may be replaced.
     for _ in 0..2 {
         succeed(&mut scene.predict(&["log"], &["-o", &at("log/torques.csv")]));
     }

@@ -1,4 +1,4 @@
-//! What `palpate map --prior` promises: what a field expects is where another one starts.
+//! `palpate map --prior`: a field starts from the stiffness of another field.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -10,7 +10,8 @@ use common::{Scene, json, palpate, refuse, stderr, stdout, succeed};
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
 use palpate_io::field::{Saved, load, save};
 
-/// What both touches of the scene meet is learnt from the first: `out/first.npz`.
+/// A scene with the field of its first touch, `out/first.npz`, whose cells the second touch meets
+/// too.
 fn scene() -> Scene {
     let scene = Scene::new();
     let first = scene.text("out/first.npz");
@@ -18,7 +19,7 @@ fn scene() -> Scene {
     scene
 }
 
-/// `palpate map` of the second touch into `out/field.npz`, with a prior out of the scene.
+/// `palpate map` of the second touch into `out/field.npz`, with a prior from the scene.
 fn with_prior(scene: &Scene, prior: &str, more: &[&str]) -> Command {
     let prior = scene.text(prior);
     scene.map(&["log/seq_1"], &[&["--prior", &prior], more].concat())
@@ -142,7 +143,7 @@ fn a_prior_in_another_lattice_is_refused_with_the_flags_that_give_it() {
     {
         assert!(said.contains(words), "`{words}` is not in: {said}");
     }
-    // What it advises works.
+    // The flags that the error gives work.
     let advice = said.split_once("give ").unwrap().1.split_once(", or make").unwrap().0;
     let mut map = palpate();
     map.arg("map").arg(scene.path("log/seq_1")).args(scene.settings());
@@ -186,7 +187,7 @@ fn a_picture_shows_what_was_touched_and_not_what_was_expected() {
     let svg = |name: &str| std::fs::read_to_string(scene.path(name)).unwrap();
     let plain = scene.text("out/plain.svg");
     succeed(&mut scene.map(&["log/seq_1"], &["--picture", &plain]));
-    // Expecting zero, as the settings do, changes nothing but the cells that there are.
+    // A prior of zero, as in the settings, changes nothing except that there are more cells.
     change(&scene, "out/first.npz", |saved| saved.field.stiffness_n_per_m.fill(0.0));
     let expecting = scene.text("out/expecting.svg");
     succeed(&mut with_prior(&scene, "out/first.npz", &["--picture", &expecting]));

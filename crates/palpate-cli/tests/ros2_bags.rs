@@ -1,5 +1,5 @@
-//! Bags between palpate and programs of others: what they write gives the same field, and they
-//! read what is written here. The other side is Python, in the environment that ./setup makes.
+//! Bags exchanged with other programs: bags that these write give the same field, and they can read
+//! the bags that are written here. They run in the Python environment that ./setup makes.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -28,7 +28,7 @@ fn script(arguments: &[&Path]) -> Command {
     command
 }
 
-/// Bags of the bundled touches, as others write them.
+/// Bags of the bundled touches, as other programs write them.
 fn bags(of: &str) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let touches = root().join("data/plant_a");
@@ -56,7 +56,7 @@ fn field(log: &Path, more: &[&str]) -> Vec<u8> {
     to_bytes(&saved)
 }
 
-/// What a reader of others finds, a message a line.
+/// The messages that another program's reader finds, one per line.
 fn lines(reader: &str, bag: &Path) -> Vec<Value> {
     let text = succeed(&mut script(&[Path::new(reader), bag]));
     text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
@@ -182,7 +182,7 @@ fn arrays_that_convert_writes_are_in_the_robots_order() {
     let text = fs::read_to_string(path("robot.csv")).unwrap();
     let first = text.lines().nth(1).unwrap();
     assert!(first.ends_with("0.1,0.2,0.3,0.4,0.5,0.6,0.7,1,2,3,4,5,6,7"), "{first}");
-    // Nobody said which robot it is.
+    // Without --robot.
     let message = convert("log.csv", "log", &[]);
     assert!(message.contains("joint_7, joint_6") && message.contains("--robot"), "{message}");
     let (_, seven) = (convert("log", "log.out.csv", &[]), fs::read_to_string(path("log.out.csv")));

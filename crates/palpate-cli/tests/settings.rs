@@ -98,7 +98,7 @@ fn a_tare_is_given_in_one_way_only() {
 }
 
 #[test]
-fn values_that_nobody_can_mean_are_refused() {
+fn values_out_of_range_are_refused() {
     for (flag, value, key) in
         [("--bake-spacing-m", "0.06", "bake_spacing_m"), ("--replays", "100001", "replays")]
     {

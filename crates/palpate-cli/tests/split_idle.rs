@@ -1,4 +1,4 @@
-//! `--split-idle`: one long recording, parted where the arm pauses in the air.
+//! `--split-idle`: one long recording, split where the arm pauses in the air.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -25,7 +25,7 @@ fn recording(pushes: usize) -> String {
 }
 
 #[test]
-fn a_recording_is_parted_at_pauses_in_the_air_and_nowhere_else() {
+fn a_recording_is_split_at_pauses_in_the_air_and_nowhere_else() {
     let scene = Scene::new();
     fs::write(scene.path("day.csv"), recording(3)).unwrap();
     let whole = json(&mut scene.map(&["day.csv"], &["--json"]));
@@ -51,7 +51,7 @@ fn a_recording_is_parted_at_pauses_in_the_air_and_nowhere_else() {
 }
 
 #[test]
-fn a_pause_after_a_way_through_the_box_parts_as_well() {
+fn a_recording_is_also_split_at_a_pause_after_a_motion_through_the_box() {
     let scene = Scene::new();
     let mut text = "time,q1,q2,tau1,tau2\n".to_owned();
     let mut row = 0;
@@ -71,14 +71,14 @@ fn a_pause_after_a_way_through_the_box_parts_as_well() {
     fs::write(scene.path("day.csv"), text).unwrap();
     let parted = json(&mut scene.map(&["day.csv"], &["--json", "--split-idle"]));
     let touches = parted["touches"].as_array().unwrap();
-    // A push, and a way to the next one, three times.
+    // Three times a push, each with a motion to the next one.
     assert_eq!(touches.len(), 6, "{touches:?}");
     let frames: Vec<u64> = touches.iter().map(|touch| touch["frames"].as_u64().unwrap()).collect();
     assert!(frames.iter().step_by(2).all(|frames| (165..=185).contains(frames)), "{frames:?}");
 }
 
 #[test]
-fn touches_parted_by_convert_are_those_parted_on_the_way() {
+fn touches_split_by_convert_are_those_split_while_mapping() {
     let scene = Scene::new();
     fs::write(scene.path("day.csv"), recording(2)).unwrap();
     let mut convert = palpate();

@@ -27,7 +27,7 @@ fn tuned_settings_are_a_settings_file_with_its_evidence() {
     assert!(number("contact", "contact_distance_m") > 0.0);
     assert!(number("estimator", "prior_std") > 0.0);
 
-    // It is read back, and maps.
+    // The file can be read back, and used for mapping.
     let tuned = scene.text("out/tuned.toml");
     succeed(&mut scene.map(&["log"], &["--settings", &tuned]));
 }
@@ -81,7 +81,7 @@ fn a_map_learns_under_what_a_quick_search_finds_and_says_so() {
     assert_eq!(calibration(&by_itself), calibration(&again));
     assert!(by_itself == again, "the two fields differ");
 
-    // With two touches there is nothing to choose by.
+    // Two touches are too few to choose settings.
     let two = ["log/seq_0", "log/seq_1"];
     let defaults = field(&two, &[], "in which the arm touches something, and there are 2");
     assert!(defaults == field(&two, &["--tune=off"], ""), "something was chosen");

@@ -99,7 +99,7 @@ mod with_viewer {
         // After 20, 40, 60 and 80 samples, and at the end of each touch.
         assert_eq!(rows(&bytes).unwrap()["/world/field"], 6);
 
-        // What was expected before a sample was learnt from is what `map` says of it.
+        // The torque predicted before a sample is learnt is the one that `map` reports.
         let learnt = json(&mut scene.map(&["log"], &["--json"]));
         let error = |summary: &serde_json::Value| summary["avg_error"].as_f64().unwrap();
         assert_eq!(error(&learnt["before_learning"]), error(&summary["played"]["errors"]));
@@ -152,7 +152,7 @@ mod with_viewer {
         let scene = Scene::new();
         scene.touch("long", 3_000, 0.0);
         let rrd = scene.text("out/a.rrd");
-        // Each sample makes so many replays that the playing would take a minute.
+        // Each sample makes so many replays that playing would take a minute.
         let more = ["--save", &rrd, "--replays", "20000", "--tare-frames", "5"];
         let mut command = view(&scene, &["log", "long"], &more);
         let mut child = command.args(COARSE).stderr(Stdio::piped()).spawn().unwrap();
@@ -168,7 +168,7 @@ mod with_viewer {
         assert!(scene.results().is_empty(), "{:?}", scene.results());
     }
 
-    /// A command `rerun` that notes how it was called, and does `then`.
+    /// A command `rerun` that notes its arguments, and runs `then`.
     #[cfg(unix)]
     fn pretend_viewer(scene: &Scene, then: &str) -> String {
         use std::os::unix::fs::PermissionsExt;
@@ -181,7 +181,8 @@ mod with_viewer {
         folder.to_str().unwrap().to_owned()
     }
 
-    /// `palpate view log`, which starts the pretended viewer, or none; what that noted.
+    /// Runs `palpate view log`, which starts the pretended viewer, or none; returns what the viewer
+    /// noted.
     #[cfg(unix)]
     fn started(scene: &Scene, path: &str, words: &[&str]) -> Vec<String> {
         let mut command = view(scene, &["log"], &COARSE);

@@ -1,5 +1,5 @@
-//! Whatever reads a log says in a line what `inspect` would say of it, and `--strict` makes that an
-//! error.
+//! Every command that reads a log warns in one line of what `inspect` would report, and `--strict`
+//! makes that an error.
 #![allow(clippy::unwrap_used)] // clippy takes only functions marked as tests for tests
 
 mod common;
@@ -12,7 +12,7 @@ use common::{names, palpate, stderr};
 use recording::{Touch, clean, write};
 use tempfile::TempDir;
 
-/// Small enough that every command takes a moment, and with a convention that may be wrong.
+/// A coarse lattice, so that every command is fast, and a sign that may be wrong.
 const FLAGS: [&str; 4] = ["--spacing-m", "0.04", "--torque-sign", "plus"];
 
 /// A log, clean or spoilt, and room for results.
@@ -70,7 +70,7 @@ fn strict_makes_it_an_error_that_leaves_no_result() {
         let output = command.args(["--strict", "--quiet"]).output().unwrap();
         assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
         let message = stderr(&output);
-        // Touches whose torques are turned round hardly predict each other, of which a warning may stand before.
+        // Touches with the wrong sign hardly predict each other: a warning of that may come first.
         let error = message.lines().find(|line| line.starts_with("error: `"));
         assert!(error.is_some_and(|error| error.contains("(torque_sign)")), "{message}");
         assert!(names(&folder.path().join("out")).is_empty());

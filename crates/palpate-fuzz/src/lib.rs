@@ -1,9 +1,9 @@
-//! Every parser of palpate, as a function of bytes that nobody meant.
+//! Fuzz targets for every parser of palpate: functions of arbitrary bytes.
 //!
-//! A target may return what it likes; it must not panic, take more than five seconds or more than a
-//! gigabyte. Where a checksum or a container stops mutations, a second target puts the bytes behind it.
-//! Two programs drive them: `tests/mutated_seeds.rs`, which mutates the seeds for some seconds on stable
-//! Rust and runs in CI, and libFuzzer, by `scripts/fuzz`.
+//! A target may return an error, but must not panic, nor take more than five seconds or a gigabyte.
+//! If a checksum or a container prevents useful mutations, a second target mutates the content inside.
+//! Two programs run the targets: `tests/mutated_seeds.rs`, which mutates the seeds on stable Rust and
+//! runs in CI, and libFuzzer, through `scripts/fuzz`.
 
 mod mutate;
 mod scratch;
@@ -23,21 +23,21 @@ use palpate_work::settings;
 
 pub use mutate::Mutator;
 
-/// Events of a log that are read: mutations may make many of few bytes.
+/// Largest number of events that are read from a log: few mutated bytes may give many.
 const EVENTS: usize = 100_000;
 
-/// A parser.
+/// A fuzz target.
 #[derive(Clone, Copy)]
 pub struct Target {
-    /// Its name.
+    /// Name of the target.
     pub name: &'static str,
-    /// Reads bytes.
+    /// Parses the bytes.
     pub run: fn(&[u8]),
-    /// What to begin with.
+    /// Returns the inputs from which mutations start.
     pub seeds: fn() -> Vec<Vec<u8>>,
 }
 
-/// All of them.
+/// All targets.
 pub const TARGETS: [Target; 15] = [
     Target { name: "npy_folder", run: npy_folder, seeds: seeds::arrays },
     Target { name: "npz", run: npz, seeds: seeds::fields },
@@ -56,12 +56,12 @@ pub const TARGETS: [Target; 15] = [
     Target { name: "question", run: question, seeds: seeds::question },
 ];
 
-/// The target of a name.
+/// The target with this name.
 pub fn target(name: &str) -> Option<Target> {
     TARGETS.into_iter().find(|target| target.name == name)
 }
 
-/// A log, of which every other one may break off.
+/// Reads a log; if its length is even, it may break off.
 fn log(name: &str, bytes: &[u8]) {
     let until_break = bytes.len().is_multiple_of(2);
     let options = LogOptions { until_break, ..LogOptions::default() };
@@ -74,7 +74,7 @@ fn read_log(path: &std::path::Path, options: &LogOptions) {
     }
 }
 
-/// Two npy files of a touch.
+/// Reads a touch of two npy files; the first two bytes are the length of the first file.
 fn npy_folder(bytes: &[u8]) {
     let Some((length, arrays)) = bytes.split_first_chunk::<2>() else { return };
     let length = usize::from(u16::from_le_bytes(*length)).min(arrays.len());
@@ -84,7 +84,7 @@ fn npy_folder(bytes: &[u8]) {
     read_log(path.parent().expect("it has a folder"), &LogOptions::default());
 }
 
-/// A field.
+/// Reads a field.
 fn npz(bytes: &[u8]) {
     let _ = black_box(from_bytes(bytes, "field"));
     if let Ok(arrays) = npz::read_npz_bytes(bytes, "field") {
@@ -92,7 +92,7 @@ fn npz(bytes: &[u8]) {
     }
 }
 
-/// A field one of whose arrays, named by the first byte, is changed by the rest.
+/// Reads a field in which one array is changed: the first byte selects it, the rest is the change.
 fn npz_member(bytes: &[u8]) {
     let Some((which, rest)) = bytes.split_first() else { return };
     let mut arrays = seeds::arrays_of_field().clone();
@@ -104,8 +104,9 @@ fn npz_member(bytes: &[u8]) {
     let _ = black_box(from_bytes(&npz::npz_bytes(&arrays), "field"));
 }
 
-/// An array with other bytes if it is text; else with other numbers at some places, eleven bytes each,
-/// and if bytes remain, with more or fewer rows.
+/// A changed array. Bytes are replaced as a whole. In other arrays, every eleven bytes of the input
+/// replace one number (three bytes of index, eight of a float); a remaining byte is the new number of
+/// rows.
 fn changed(array: &Array, bytes: &[u8]) -> Array {
     let mut numbers: Vec<f64> = match array.data() {
         Data::U8(_) => return Array::flat(Data::U8(bytes.to_vec())),
@@ -139,7 +140,7 @@ fn changed(array: &Array, bytes: &[u8]) -> Array {
     Array::new(shape, data)
 }
 
-/// Bytes as the message of a whole bag.
+/// Reads a valid bag whose messages are the bytes.
 fn mcap_message(bytes: &[u8]) {
     log("log.mcap", &seeds::bag_of_message(bytes));
 }
@@ -148,7 +149,7 @@ fn urdf(bytes: &[u8]) {
     let _ = black_box(Robot::from_urdf(&String::from_utf8_lossy(bytes)));
 }
 
-/// A mesh, in the format that the first byte names, as the shape of a robot's link.
+/// Loads a robot with a link whose shape is a mesh; the first byte selects its format.
 fn mesh(bytes: &[u8]) {
     let Some((format, bytes)) = bytes.split_first() else { return };
     let ending = ["stl", "obj", "dae"][usize::from(*format) % 3];
@@ -188,7 +189,7 @@ fn question(bytes: &[u8]) {
     let _ = black_box(palpate_live::fuzz::question(bytes, 2));
 }
 
-/// Writes the seeds of a target into a folder, as libFuzzer takes them.
+/// Writes the seeds of a target into a folder, as files for libFuzzer.
 ///
 /// # Errors
 ///

@@ -1,6 +1,7 @@
-//! What libFuzzer drives: the target that `PALPATE_FUZZ` names. `scripts/fuzz` builds and runs it.
+//! Program for libFuzzer: runs the target that `PALPATE_FUZZ` names. `scripts/fuzz` builds and runs
+//! it.
 //!
-//! With `PALPATE_FUZZ_SEEDS`, its seeds are written into that folder first.
+//! If `PALPATE_FUZZ_SEEDS` names a folder, the seeds of the target are written into it first.
 #![no_main]
 
 use std::path::Path;

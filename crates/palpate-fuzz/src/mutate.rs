@@ -1,9 +1,9 @@
-//! Changes of bytes, the same ones for the same seed, for where no coverage guides them.
+//! Random mutations without coverage, reproducible by a random seed.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-/// Numbers that parsers trip over.
+/// Numbers at the limits of integer types, which often cause errors in parsers.
 const ODD: [u64; 12] = [
     0,
     1,
@@ -33,17 +33,18 @@ const ODD_TEXTS: [&[u8]; 12] = [
     b"[[[[",
     b"4294967296",
 ];
-/// Inputs grow no longer.
+/// Largest length of an input, bytes; longer ones are truncated.
 const LONGEST: usize = 1 << 16;
 
-/// Makes inputs out of seeds.
+/// Creates inputs by mutating seeds.
 pub struct Mutator {
     random: ChaCha8Rng,
     seeds: Vec<Vec<u8>>,
 }
 
 impl Mutator {
-    /// Of some seeds, of which there is at least one.
+    /// A mutator of `seeds`, of which there must be at least one; `seed` is that of the random
+    /// numbers.
     pub fn new(seeds: Vec<Vec<u8>>, seed: u64) -> Self {
         Self { random: ChaCha8Rng::seed_from_u64(seed), seeds }
     }
@@ -67,7 +68,7 @@ impl Mutator {
         if bytes.is_empty() {
             bytes.push(0);
         }
-        // What is read first decides how the rest is.
+        // Half of the changes are at the start, which decides how the rest is read.
         let reach = if self.below(2) == 0 { bytes.len().min(256) } else { bytes.len() };
         let at = self.below(reach);
         let end = |length: usize| (at + length).min(bytes.len());

@@ -1,4 +1,4 @@
-//! A place for files that a parser is to read, in memory where the system has such a folder.
+//! Temporary files for parsers that read files, in memory (`/dev/shm`) where available.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -30,7 +30,7 @@ pub(crate) fn file(name: &str, bytes: &[u8]) -> PathBuf {
     })
 }
 
-/// What `write` writes to a file of this thread's folder.
+/// The bytes that `write` writes to a file in this thread's folder.
 pub(crate) fn written(name: &str, write: impl FnOnce(&Path)) -> Vec<u8> {
     let path = file(name, &[]);
     fs::remove_file(&path).expect("it was just written");

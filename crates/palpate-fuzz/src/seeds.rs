@@ -1,4 +1,4 @@
-//! Inputs to begin with: what palpate itself writes, and the smallest files of other programs.
+//! Seeds of the targets: files that palpate itself writes, and small files of other programs.
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -27,7 +27,7 @@ pub(crate) const URDF: &str = r#"<robot name="two"><link name="base"/>
 <link name="l2"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>
 </robot>"#;
 
-/// A touch of it: still, then a swing.
+/// A touch of this arm: it rests, then moves.
 fn samples() -> impl Iterator<Item = Sample> {
     (0..20_u8).map(|frame| {
         let at = 0.02 * f64::from(frame.saturating_sub(8));
@@ -39,7 +39,7 @@ fn joints() -> Vec<String> {
     ["a", "b"].map(str::to_owned).to_vec()
 }
 
-/// A field that was learnt from it, with its memory.
+/// A mapper that has learnt this touch.
 fn mapper() -> &'static Mapper {
     static MAPPER: OnceLock<Mapper> = OnceLock::new();
     MAPPER.get_or_init(|| {
@@ -57,12 +57,12 @@ fn mapper() -> &'static Mapper {
     })
 }
 
-/// The file of that field.
+/// The field file of this mapper.
 fn field() -> Vec<u8> {
     to_bytes(&Saved::of_mapper(mapper()))
 }
 
-/// That file, and those of numpy and of OpenVSF.
+/// Field files of palpate, numpy and OpenVSF.
 pub(crate) fn fields() -> Vec<Vec<u8>> {
     let [numpy, openvsf] = [
         &include_bytes!("../../palpate-io/testdata/numpy.npz")[..],
@@ -71,14 +71,14 @@ pub(crate) fn fields() -> Vec<Vec<u8>> {
     vec![field(), numpy.to_vec(), openvsf.to_vec()]
 }
 
-/// Its arrays.
+/// The arrays of the field file.
 pub(crate) fn arrays_of_field() -> &'static npz::Arrays {
     static ARRAYS: OnceLock<npz::Arrays> = OnceLock::new();
     let read = || npz::read_npz_bytes(&field(), "seed").expect("it was just written");
     ARRAYS.get_or_init(read)
 }
 
-/// A change of each of them: its place, then what [`crate::TARGETS`] makes of the rest.
+/// A change of each array, as input of the target `npz_member`: the index of the array, then the change.
 pub(crate) fn members() -> Vec<Vec<u8>> {
     let arrays = arrays_of_field();
     let change = |(place, (_, array)): (u8, (&str, &npz::Array))| match array.data() {
@@ -88,7 +88,7 @@ pub(crate) fn members() -> Vec<Vec<u8>> {
     (0..).zip(arrays.iter()).map(change).collect()
 }
 
-/// An array.
+/// An npy file of floats.
 fn npy(shape: (usize, usize), numbers: impl IntoIterator<Item = f64>) -> Vec<u8> {
     let header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {shape:?}, }}\n");
     let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
@@ -98,7 +98,7 @@ fn npy(shape: (usize, usize), numbers: impl IntoIterator<Item = f64>) -> Vec<u8>
     bytes
 }
 
-/// Two arrays of a touch: the length of the first, then both.
+/// The two npy files of a touch, as input of the target `npy_folder`: the length of the first, then both.
 pub(crate) fn arrays() -> Vec<Vec<u8>> {
     let q = npy((20, 2), samples().flat_map(|sample| sample.q));
     let tau = npy((20, 2), samples().flat_map(|sample| sample.tau));
@@ -106,7 +106,7 @@ pub(crate) fn arrays() -> Vec<Vec<u8>> {
     vec![[&length[..], &q, &tau].concat()]
 }
 
-/// A table, and some with other names.
+/// Tables: one of palpate, and others with other delimiters and names.
 pub(crate) fn table() -> Vec<Vec<u8>> {
     let mut text = Vec::new();
     let mut writer = TableWriter::new(&mut text, Some(joints()));
@@ -122,7 +122,7 @@ pub(crate) fn table() -> Vec<Vec<u8>> {
     others.map(|other| other.as_bytes().to_vec()).into_iter().chain([text]).collect()
 }
 
-/// A bag, in each way that chunks are compressed.
+/// A bag with each compression of its chunks.
 pub(crate) fn bag() -> Vec<Vec<u8>> {
     [Compression::Zstd, Compression::Lz4, Compression::None].map(bag_of).to_vec()
 }
@@ -136,7 +136,7 @@ fn bag_of(compression: Compression) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// A bag of some bytes as one message of joint states, ten times.
+/// A bag with ten messages of joint states, each of which has these bytes.
 pub(crate) fn bag_of_message(bytes: &[u8]) -> Vec<u8> {
     let written = || -> mcap::McapResult<Vec<u8>> {
         let mut bag = Cursor::new(Vec::new());
@@ -161,7 +161,7 @@ pub(crate) fn bag_of_message(bytes: &[u8]) -> Vec<u8> {
     written().expect("memory takes it")
 }
 
-/// The bytes of a joint state as CDR.
+/// A joint state as CDR.
 pub(crate) fn message() -> Vec<Vec<u8>> {
     let mut cdr = vec![0, 1, 0, 0];
     let put = |cdr: &mut Vec<u8>, bytes: &[u8]| {
@@ -230,7 +230,7 @@ pub(crate) fn parquet() -> Vec<Vec<u8>> {
     vec![bytes]
 }
 
-/// A robot, and one of a mesh.
+/// A URDF, and one with a mimic joint.
 pub(crate) fn robot() -> Vec<Vec<u8>> {
     let mimic = URDF.replace(
         "</robot>",
@@ -241,7 +241,7 @@ pub(crate) fn robot() -> Vec<Vec<u8>> {
     vec![URDF.into(), mimic.into_bytes()]
 }
 
-/// A mesh in every format, each after its number; boxes of some centimetres, which are baked quickly.
+/// Meshes in every format, each after the number of its format; they are small, so that baking is fast.
 pub(crate) fn mesh() -> Vec<Vec<u8>> {
     let corners = [[0.0_f32, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]];
     let faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
@@ -262,7 +262,7 @@ pub(crate) fn mesh() -> Vec<Vec<u8>> {
     vec![stl, obj.to_vec(), text.to_vec(), [&[2], dae.as_bytes()].concat()]
 }
 
-/// A cloud as PLY and PCD, in bytes and in text.
+/// Clouds as PLY and PCD: binary, compressed and text.
 pub(crate) fn cloud() -> Vec<Vec<u8>> {
     let leaf = Cloud::new(vec![Point3::new(0.5, 0.0, 0.3); 3], Some(vec![[30, 120, 40]; 3]));
     let columns = [("K", Column::F64(&[85.0; 3])), ("touched", Column::U8(&[1; 3]))];
@@ -285,7 +285,7 @@ pub(crate) fn cloud() -> Vec<Vec<u8>> {
     vec![ply, pcd, ascii.to_vec(), text.to_vec(), open3d.to_vec(), packed.to_vec()]
 }
 
-/// Files of a camera, and of poses.
+/// Files of cameras and of poses.
 pub(crate) fn camera() -> Vec<Vec<u8>> {
     let texts = [
         r#"{"fx": 100, "fy": 100, "cx": 32, "cy": 24, "width": 64, "height": 48,
@@ -303,7 +303,7 @@ pub(crate) fn camera() -> Vec<Vec<u8>> {
     texts.map(|text| text.as_bytes().to_vec()).into_iter().chain([pose]).collect()
 }
 
-/// Pictures of colours and depths.
+/// Colour and depth images.
 pub(crate) fn picture() -> Vec<Vec<u8>> {
     let png_of = |colour: png::ColorType, depth: png::BitDepth, bytes: usize| {
         let mut out = Vec::new();
@@ -339,13 +339,13 @@ pub(crate) fn picture() -> Vec<Vec<u8>> {
     ]
 }
 
-/// Every setting.
+/// Settings: all with their defaults, and a map of columns.
 pub(crate) fn settings() -> Vec<Vec<u8>> {
     let text = Settings::default().template().expect("the defaults hold");
     vec![text.into_bytes(), b"[log]\ncolumns = { q = [\"a\"], tau = [\"b\"] }\n".to_vec()]
 }
 
-/// Lines of the socket.
+/// Lines of the socket protocol.
 pub(crate) fn question() -> Vec<Vec<u8>> {
     [
         r#"{"path": [[0.1, 0.2], [0.1, 0.3]], "exact": true}"#,

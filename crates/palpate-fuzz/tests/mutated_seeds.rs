@@ -1,5 +1,5 @@
-//! Every target on changed seeds, for as long as `PALPATE_FUZZ_SECONDS` says; without it, on some
-//! hundred inputs.
+//! Runs every target on mutated seeds for `PALPATE_FUZZ_SECONDS` seconds each, or without it on a
+//! few hundred inputs each.
 
 use std::env;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -10,12 +10,12 @@ use std::time::{Duration, Instant};
 use palpate_fuzz::{Mutator, TARGETS, Target};
 
 const FEW: usize = 300;
-/// No input may take so long.
+/// Largest time for one input; a longer time is a failure.
 const HANG: Duration = Duration::from_secs(5);
-/// Targets at once.
+/// Number of targets that run at the same time.
 const THREADS: usize = 2;
 
-/// Runs a target; returns how many inputs it took, or which one it could not take.
+/// Runs a target; returns the number of inputs, or an error with the input that failed.
 fn fuzz(target: &Target, seconds: Option<f64>) -> Result<usize, String> {
     let seeds = (target.seeds)();
     let mut mutator = Mutator::new(seeds.clone(), 1);
@@ -70,7 +70,7 @@ fn no_target_panics_or_hangs() {
 }
 
 #[test]
-fn what_is_made_of_seeds_is_the_same_each_time() {
+fn the_same_random_seed_gives_the_same_inputs() {
     let inputs = |seed| {
         let mut mutator = Mutator::new(vec![b"some bytes".to_vec()], seed);
         (0..100).map(|_| mutator.next_input()).collect::<Vec<_>>()

@@ -1,9 +1,9 @@
 //! One whole step at 200³ cells, against the real-time budget.
 //!
-//! The paper makes 17 steps a second; a step (contacts, prediction, update, 20 replays) on the
-//! bundled touches must stay under 3 ms in the median, and has to reach 1 ms. The first ten
-//! touches are learnt before the clock starts, so that memory is as full as in use; every sample
-//! that is timed has its tare behind it.
+//! The paper makes 17 steps per second. The median time of a step (contacts, prediction, update, 20
+//! replays) on the bundled touches must be below 3 ms; the goal is 1 ms. All touches but the last
+//! are learnt before the measurement, so that the memory is as full as in use. Only samples after
+//! the tare are timed.
 #![allow(missing_docs, clippy::unwrap_used)] // criterion's macro generates undocumented functions
 
 use std::path::Path;
@@ -27,7 +27,7 @@ fn touches() -> Vec<Vec<Sample>> {
     touches
 }
 
-/// A mapper in use, fed the same touches over and over.
+/// A mapper that learns the same touches repeatedly.
 struct Running {
     mapper: Mapper,
     touches: Vec<Vec<Sample>>,
@@ -48,7 +48,7 @@ impl Running {
         running
     }
 
-    /// Takes the next sample that has its tare behind it, and returns how long that took.
+    /// Steps to the next sample after a tare, and returns the time of that step.
     fn step(&mut self) -> Duration {
         loop {
             let (touch, sample) = self.at;

@@ -1,12 +1,12 @@
-//! Files that appear whole or not at all.
+//! Atomic writing: a file appears whole or not at all.
 //!
-//! Every writer of palpate goes through [`write()`]: the bytes go to a hidden file in the same
-//! folder, reach the disk, and only then take the wanted name. Whatever fails on the way, a full
-//! disk or a crash, the file that stood there before stands there still. What an error or a panic
-//! leaves is removed; a killed process leaves at most a file that ends in `.partial`, which the next
-//! one that writes to that name removes.
+//! Every writer of palpate uses [`write()`]: it writes a hidden file in the same folder, flushes it
+//! to the disk, and then renames it to the wanted name. If anything fails before, such as a full
+//! disk or a crash, the previous file remains. After an error or a panic, the hidden file is
+//! removed; a killed process leaves at most a file that ends in `.partial`, which the next process
+//! that writes to the same name removes.
 //!
-//! A hidden file is locked as long as somebody writes to it, so that one without a lock is nobody's.
+//! A hidden file is locked while a process writes to it, so an unlocked one is a leftover.
 
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -25,26 +25,26 @@ pub enum WriteError {
     /// A folder has the wanted name, or a device: as root, a rename would replace `/dev/null`.
     #[error("`{path}` cannot be written: it is a folder or a device; add a file name")]
     NotAFile { path: PathBuf },
-    /// What was to be written fits no such file.
+    /// The content cannot be represented in this format.
     #[error("`{path}` cannot be written: {source}")]
     Content { path: PathBuf, source: io::Error },
-    /// Somebody else holds it.
+    /// Another process holds the file.
     #[error(
         "`{path}` is being written by another palpate; end that one first, or choose another name"
     )]
     Held { path: PathBuf },
-    /// The system refused; nothing was left behind.
+    /// The operating system reported an error; the hidden file was removed.
     #[error("`{path}` cannot be written: {source}; {remedy}")]
     Io { path: PathBuf, remedy: &'static str, source: io::Error },
 }
 
-/// Writes a file through `fill`, whole or not at all.
+/// Writes a file atomically; `fill` writes its content.
 ///
 /// A symbolic link is followed: the file it points to is replaced, not the link.
 ///
 /// # Errors
 ///
-/// [`WriteError`]; the place is then as it was before.
+/// [`WriteError`]; the path is then unchanged.
 ///
 /// # Example
 ///
@@ -76,11 +76,11 @@ pub fn write(
     Ok(())
 }
 
-/// Whether [`write()`] could begin: call it before hours of work, not after.
+/// Checks that [`write()`] could begin; call it before a long computation.
 ///
 /// # Errors
 ///
-/// As [`write()`], as far as can be known without writing.
+/// As [`write()`], as far as known before the content is written.
 pub fn check(path: &Path) -> Result<(), WriteError> {
     let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
     start(path, &target).map(drop)
@@ -106,7 +106,7 @@ fn start(path: &Path, target: &Path) -> Result<NamedTempFile, WriteError> {
     builder.prefix(&prefix).suffix(SUFFIX);
     #[cfg(unix)]
     {
-        // As any new file, not private as temporary ones are: the user's umask decides.
+        // Permissions follow the umask, as of any new file; those of temporary files are private.
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
@@ -118,12 +118,12 @@ fn start(path: &Path, target: &Path) -> Result<NamedTempFile, WriteError> {
     }
 }
 
-/// How the names of hidden files end.
+/// Suffix of hidden files that are being written.
 const SUFFIX: &str = ".partial";
-/// And that of the one that holds a file.
+/// Suffix of the lock file of [`Hold`].
 const HELD: &str = "held";
 
-/// How the names of those of a file begin.
+/// Prefix of the hidden files that belong to the file `name`.
 fn prefix(name: &OsStr) -> OsString {
     let mut prefix = OsString::from(".");
     prefix.push(name);
@@ -131,14 +131,14 @@ fn prefix(name: &OsStr) -> OsString {
     prefix
 }
 
-/// Locks a hidden file that was just made; whether it is still there, and not taken for one that a
-/// killed process has left.
+/// Locks a hidden file that was just created. False if another process took it for a leftover and
+/// removed it before the lock.
 fn is_ours(file: &File, path: &Path) -> bool {
-    // Some file systems have no locks; there, nothing is removed either.
+    // Some file systems have no locks; `clear` removes nothing there.
     file.lock().is_err() || path.exists()
 }
 
-/// Removes what killed processes have left.
+/// Removes the unlocked hidden files with this prefix, which killed processes have left.
 fn clear(folder: &Path, prefix: &OsStr) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     for entry in entries.filter_map(Result::ok) {
@@ -148,7 +148,7 @@ fn clear(folder: &Path, prefix: &OsStr) {
         let hidden = rest == HELD.as_bytes() || rest.ends_with(SUFFIX.as_bytes());
         let Some(kind) = entry.file_type().ok().filter(|_| hidden) else { continue };
         if !kind.is_file() && !kind.is_dir() {
-            continue; // a pipe, say, which would not open
+            continue; // a pipe, for example, would block when opened
         }
         let Ok(file) = File::open(entry.path()) else { continue };
         if file.try_lock().is_ok() {
@@ -160,11 +160,11 @@ fn clear(folder: &Path, prefix: &OsStr) {
     }
 }
 
-/// A hidden folder beside `target`, which is removed unless it is kept, and its lock.
+/// Creates a hidden folder beside `target`, removed when dropped, and returns it with its lock.
 ///
 /// # Errors
 ///
-/// If none can be made there.
+/// If the folder cannot be created.
 pub(crate) fn hidden_folder(target: &Path) -> io::Result<(TempDir, File)> {
     let parent = target.parent().filter(|parent| !parent.as_os_str().is_empty());
     let parent = parent.unwrap_or(Path::new("."));
@@ -179,7 +179,8 @@ pub(crate) fn hidden_folder(target: &Path) -> io::Result<(TempDir, File)> {
     }
 }
 
-/// Keeps others who ask for it from writing to a file, until it is dropped or the process ends.
+/// Advisory lock on a file, against other processes that use [`Hold`]. It ends when dropped or with
+/// the process.
 #[derive(Debug)]
 pub struct Hold {
     hidden: PathBuf,
@@ -187,11 +188,11 @@ pub struct Hold {
 }
 
 impl Hold {
-    /// Holds a file, which need not be there yet.
+    /// Locks `path`; the file need not exist yet.
     ///
     /// # Errors
     ///
-    /// If somebody else holds it, or nothing can be written beside it.
+    /// If it is already held, or the lock file cannot be created beside it.
     pub fn on(path: &Path) -> Result<Self, WriteError> {
         let target = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         let mut name = prefix(target.file_name().unwrap_or_default());
@@ -218,11 +219,11 @@ impl Drop for Hold {
     }
 }
 
-/// Makes the rename last through a power cut, where the system can.
+/// Flushes the folder, so that the rename survives a power failure, where the system supports it.
 fn sync_folder(target: &Path) {
     #[cfg(unix)]
     if let Some(folder) = target.parent().and_then(|folder| File::open(folder).ok()) {
-        let _ = folder.sync_all(); // Some file systems cannot; the file itself is whole already.
+        let _ = folder.sync_all(); // Some file systems cannot; the file itself is already complete.
     }
 }
 
@@ -302,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn a_place_that_is_no_place_is_named() {
+    fn a_path_that_cannot_be_written_is_an_error() {
         let folder = tempfile::tempdir().unwrap();
         let missing = folder.path().join("nowhere/field.npz");
         assert!(matches!(check(&missing), Err(WriteError::NoFolder { .. })));

@@ -1,7 +1,7 @@
-//! An elastic body as a file: JSON to look at and to correct by hand, and a MuJoCo model.
+//! Files of an elastic body: JSON, which can be read and corrected by hand, and a MuJoCo model.
 //!
-//! The JSON is `{"segments": [...]}` with one segment a line, those that carry others before them; the
-//! keys are the fields of [`Segment`], lengths in m in the world frame. [`read`] checks every number.
+//! The JSON is `{"segments": [...]}` with one segment a line, parents before their children; the keys
+//! are the fields of [`Segment`], lengths in m in the world frame. [`read`] checks every number.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -14,11 +14,11 @@ use serde::Deserialize;
 
 use crate::input;
 
-/// Density of what a MuJoCo model is made of, kg/m³; it only damps, since there is no gravity.
+/// Density of the bodies of the MuJoCo model, kg/m³; without gravity it only affects the dynamics.
 const DENSITY_KG_PER_M3: f64 = 500.0;
-/// Damping of a joint by its stiffness, s.
+/// Ratio of damping to stiffness of a joint, s.
 const RELAXATION_S: f64 = 0.05;
-/// Half the height of the box that stands for a block, m.
+/// Half the height of the box that represents a block, m.
 const BLOCK_DEPTH_M: f64 = 0.025;
 
 /// Why a body could not be read.
@@ -32,7 +32,7 @@ pub enum BodyFileError {
     /// Not the JSON of a body; the message says where.
     #[error("`{}` is not the JSON of an elastic body: {source}", path.display())]
     Json { path: PathBuf, source: serde_json::Error },
-    /// Segments that make no body.
+    /// Segments that do not form a valid body.
     #[error("`{}`: {source} (segments count from 0)", path.display())]
     Body { path: PathBuf, source: BodyError },
 }
@@ -47,7 +47,7 @@ struct File {
 ///
 /// # Errors
 ///
-/// If the file cannot be read, a key is missing or unknown, or the segments make no body.
+/// If the file cannot be read, a key is missing or unknown, or the segments do not form a valid body.
 pub fn read(path: &Path) -> Result<ElasticBody, BodyFileError> {
     let path = path.to_owned();
     let text = match input::read_text(&path, input::largest()) {
@@ -62,16 +62,16 @@ pub fn read(path: &Path) -> Result<ElasticBody, BodyFileError> {
     }
 }
 
-/// The JSON of a body, a line for each segment.
+/// The JSON of a body, one line for each segment.
 pub fn json(body: &ElasticBody) -> String {
     let line = |segment| serde_json::to_string(segment).expect("a segment is plain data");
     let lines: Vec<String> = body.segments().iter().map(line).collect();
     format!("{{\"segments\": [\n{}\n]}}\n", lines.join(",\n"))
 }
 
-/// A body as a MuJoCo model: ball joints with the learnt springs, capsules and ellipsoids; of a cushion, boxes on
-/// slides, and tendons between neighbours. There is no
-/// gravity, since the shape at rest contains its effect, and segments do not collide with each other.
+/// A body as a MuJoCo model: capsules and ellipsoids on ball joints with the learnt springs; the blocks of a cushion
+/// are boxes on slide joints, with tendons between neighbours. There is no gravity, since the rest shape contains its
+/// effect, and segments do not collide with each other.
 pub fn mujoco_xml(variant: &ElasticVariant, friction: f64) -> String {
     let segments = variant.body.segments();
     let mut children: Vec<Vec<usize>> = vec![Vec::new(); segments.len()];
@@ -88,7 +88,7 @@ pub fn mujoco_xml(variant: &ElasticVariant, friction: f64) -> String {
          <geom density=\"{DENSITY_KG_PER_M3}\" friction=\"{friction}\" condim=\"3\" contype=\"1\" \
          conaffinity=\"2\"/>\n  </default>\n  <worldbody>\n"
     );
-    // Depth first, with a stack of what is still to be opened or closed.
+    // Depth first, with a stack of the tags that are still to be opened or closed.
     let mut left: Vec<(usize, bool)> = roots.iter().rev().map(|&root| (root, false)).collect();
     while let Some((index, is_open)) = left.pop() {
         if is_open {
@@ -106,7 +106,7 @@ pub fn mujoco_xml(variant: &ElasticVariant, friction: f64) -> String {
     xml
 }
 
-/// The springs between blocks side by side, as tendons over the difference of their heights.
+/// The springs between neighbouring blocks, as tendons on the difference of their heights.
 fn shear(variant: &ElasticVariant) -> String {
     let (body, factors) = (&variant.body, &variant.stiffness_factors);
     let own = |block: usize| {
@@ -114,7 +114,7 @@ fn shear(variant: &ElasticVariant) -> String {
         (body.segments()[block].joint_stiffness, factor)
     };
     let tendon = |(a, b, k): (usize, usize, f64)| {
-        // The mean of both, each with its own factor.
+        // The factor is the mean of both blocks' factors, weighted by their stiffness.
         let ((of_a, factor_a), (of_b, factor_b)) = (own(a), own(b));
         let stiffness = k * (of_a * factor_a + of_b * factor_b) / (of_a + of_b);
         format!(
@@ -171,7 +171,7 @@ fn opened(segments: &[Segment], index: usize, factor: f64) -> String {
                 numbers(across.try_normalize(1e-9).unwrap_or_else(|| any_across(&axis)))
             )
         }
-        // Its top, and what moves with it.
+        // The top of the block.
         SegmentKind::Block => writeln!(
             xml,
             "<geom type=\"box\" pos=\"{}\" size=\"{} {} {}\" rgba=\"0.8 0.6 0.3 1\"/>",
@@ -184,7 +184,7 @@ fn opened(segments: &[Segment], index: usize, factor: f64) -> String {
     xml
 }
 
-/// A unit vector across an axis.
+/// A unit vector perpendicular to an axis.
 fn any_across(axis: &Vector3<f64>) -> Vector3<f64> {
     let other = if axis.x.abs() < 0.9 * axis.norm() { Vector3::x() } else { Vector3::y() };
     axis.cross(&other).normalize()

@@ -1,25 +1,25 @@
 //! Meshes as binary glTF 2.0 (`.glb`), which browsers, Blender and most viewers open.
 //!
-//! Lengths are in m. Our z is up and theirs is y, so that all meshes hang on a node that turns them.
+//! Lengths are in m. palpate has z up and glTF has y up, so all meshes are children of a node that rotates them.
 
 use std::io::{self, Write};
 
 use serde_json::{Value, json};
 
-/// A mesh in a frame of its own.
+/// A mesh with its pose in the world.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mesh {
-    /// What it is called.
+    /// Name of the mesh.
     pub name: String,
-    /// Its corners, m.
+    /// Vertices in the frame of the mesh, m.
     pub vertices_m: Vec<[f32; 3]>,
-    /// Unit normals at the corners.
+    /// Unit normals at the vertices.
     pub normals: Vec<[f32; 3]>,
-    /// Colours of the corners, red, green and blue as on a screen; grey if there are none.
+    /// sRGB colours of the vertices; the mesh is grey if there are none.
     pub colours: Option<Vec<[u8; 3]>>,
-    /// Corners counted counter-clockwise from outside.
+    /// Indices of the vertices, counter-clockwise as seen from outside.
     pub triangles: Vec<[u32; 3]>,
-    /// Its frame in the world, by columns.
+    /// Homogeneous 4 x 4 transform from the frame of the mesh to the world, column by column.
     pub world_from_mesh: [f32; 16],
 }
 
@@ -28,7 +28,7 @@ const UNSIGNED_INT: u32 = 5125;
 const VERTICES: u32 = 34962;
 const INDICES: u32 = 34963;
 
-/// What the file holds: bytes, and where in them is what.
+/// Binary part of the file, and the views and accessors that describe it.
 #[derive(Default)]
 struct Buffer {
     bytes: Vec<u8>,
@@ -37,7 +37,7 @@ struct Buffer {
 }
 
 impl Buffer {
-    /// Adds numbers of four bytes each, and returns the index of their accessor.
+    /// Appends rows of numbers and returns the index of their accessor, which gets minimum and maximum if `bounds`.
     fn put<const N: usize>(&mut self, rows: &[[f32; N]], bounds: bool) -> usize {
         let bytes = rows.as_flattened().iter().flat_map(|number| number.to_le_bytes());
         let mut accessor =
@@ -72,7 +72,7 @@ impl Buffer {
     }
 }
 
-/// A colour of a screen as glTF wants it, linear in light.
+/// Converts an sRGB colour to the linear RGB of glTF, 0 to 1.
 fn linear(colour: [u8; 3]) -> [f32; 3] {
     colour.map(|part| {
         let part = f32::from(part) / 255.0;
@@ -84,7 +84,7 @@ fn linear(colour: [u8; 3]) -> [f32; 3] {
 ///
 /// # Errors
 ///
-/// If bytes cannot be written, or are more than 4 GiB.
+/// If writing fails, or the file would have more than 4 GiB.
 pub fn write_glb(out: &mut dyn Write, meshes: &[Mesh]) -> io::Result<()> {
     let mut buffer = Buffer::default();
     let (mut nodes, mut shapes) = (vec![], vec![]);

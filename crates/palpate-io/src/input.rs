@@ -1,23 +1,23 @@
-//! Files in: only those that have an end, and no more of them at once than memory can hold.
+//! Opening and reading of input files: only regular files, and with a limit on memory.
 //!
-//! A pipe would hang whoever opens it, and a device may never end. So every file that a user names,
-//! or that a file names, is looked at before it is opened.
+//! Opening a pipe can block forever, and a device may never end. So the type of every file that a
+//! user or another file names is checked before the file is opened.
 
 use std::fs::{File, FileType};
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Where the bound on memory is not set otherwise, bytes.
+/// Default memory limit for one file, bytes.
 const USUAL: u64 = 1 << 30;
-/// The bound, bytes; 0 until somebody asks.
+/// Memory limit for one file, bytes; 0 until it is first read or set.
 static LARGEST: AtomicU64 = AtomicU64::new(0);
-/// Names the bound, in GiB.
+/// Environment variable with the memory limit, GiB.
 const VARIABLE: &str = "PALPATE_FILE_MEMORY";
 
-/// Bytes of memory that what is read of one file may take at once: 1 GiB, unless
-/// `PALPATE_FILE_MEMORY` in the environment says how many GiB, or [`set_largest`] did. Files that are
-/// read piece by piece, such as bags, may be of any size.
+/// Memory that the content of one file may take at once, bytes: 1 GiB, unless `PALPATE_FILE_MEMORY`
+/// in the environment (GiB) or [`set_largest`] sets another limit. Files that are read piece by
+/// piece, such as bags, may be of any size.
 pub fn largest() -> u64 {
     if LARGEST.load(Ordering::Relaxed) == 0 {
         let named = std::env::var(VARIABLE).ok().and_then(|gib| gib.parse::<f64>().ok());
@@ -33,7 +33,7 @@ pub fn set_largest(bytes: u64) {
     LARGEST.store(bytes.max(1), Ordering::Relaxed);
 }
 
-/// The end of the error message about a file that exceeds the bound: half a sentence.
+/// The end of the error message about a file that exceeds [`largest`]: half a sentence.
 pub fn too_large() -> String {
     let gib = (1e3 * largest() as f64 / GIB).round() / 1e3;
     format!(
@@ -46,7 +46,7 @@ pub fn too_large() -> String {
 ///
 /// # Errors
 ///
-/// If it is none but a folder, a pipe, a socket or a device, or as [`File::open`].
+/// If the path is a folder, a pipe, a socket or a device, or as [`File::open`].
 pub fn open(path: &Path) -> io::Result<File> {
     match kind(path.metadata()?.file_type()) {
         Some(kind) => {
@@ -56,7 +56,7 @@ pub fn open(path: &Path) -> io::Result<File> {
     }
 }
 
-/// What it is, if it is no file.
+/// Name of the file type, or `None` for a regular file.
 fn kind(file_type: FileType) -> Option<&'static str> {
     #[cfg(unix)]
     {
@@ -76,8 +76,8 @@ fn kind(file_type: FileType) -> Option<&'static str> {
     }
 }
 
-/// Whether nobody but its owner, who runs this, can change what a path is: it is theirs, and no group
-/// or others may write to it.
+/// Whether only the current user can change a file or folder: it belongs to the user, and neither
+/// group nor others may write to it. On systems other than Unix, whether it exists.
 pub(crate) fn is_ones_own(path: &Path) -> io::Result<bool> {
     let found = path.metadata()?;
     #[cfg(unix)]
@@ -91,11 +91,11 @@ pub(crate) fn is_ones_own(path: &Path) -> io::Result<bool> {
     }
 }
 
-/// Reads a file of at most so many bytes, and no more than [`largest`].
+/// Reads a whole file of at most `largest` bytes, and at most [`largest()`] bytes.
 ///
 /// # Errors
 ///
-/// As [`open`], or if it is larger.
+/// As [`open`], or if the file is larger.
 pub fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
     let file = open(path)?;
     let bound = largest.min(self::largest());
@@ -116,11 +116,11 @@ pub fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
     if bytes.len() as u64 > largest { Err(too_large()) } else { Ok(bytes) }
 }
 
-/// Reads a text of at most so many bytes.
+/// Reads a text file of at most `largest` bytes.
 ///
 /// # Errors
 ///
-/// As [`read`], or if it is no UTF-8.
+/// As [`read`], or if the text is not UTF-8.
 pub fn read_text(path: &Path, largest: u64) -> io::Result<String> {
     String::from_utf8(read(path, largest)?)
         .map_err(|error| io::Error::new(ErrorKind::InvalidData, error.utf8_error()))
@@ -144,7 +144,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn what_is_no_file_is_named_and_not_opened() {
+    fn pipes_devices_sockets_and_folders_are_not_opened() {
         let folder = tempfile::tempdir().unwrap();
         let pipe = folder.path().join("pipe");
         assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());

@@ -1,7 +1,7 @@
-//! Files of palpate: logs and pictures in, fields and clouds in and out, robots and their cache.
+//! Files of palpate: reads logs, images and robots; reads and writes fields and clouds; caches baked links.
 //!
-//! Every format has a module. What a file holds is checked here, so that the core may rely on
-//! numbers that are finite, on lengths that agree, and on nothing being larger than the file.
+//! Every format has a module. The content of files is checked here, so that the core may rely on
+//! finite numbers, on lengths that agree, and on no array being larger than its file.
 //!
 //! | module              | reads                                    | writes                  |
 //! |---------------------|------------------------------------------|-------------------------|
@@ -17,7 +17,7 @@
 //! | [`input`]           | regular files, not pipes or devices      |                         |
 //! | [`atomic`]          |                                          | any file, whole or not at all |
 //!
-//! Nothing of the method is computed here: [`field`] keeps the state of an estimator, and does not look into it.
+//! Nothing of the method is computed here: [`field`] saves the state of an estimator without interpreting it.
 #![forbid(unsafe_code)]
 
 pub mod atomic;
@@ -35,7 +35,7 @@ pub mod torques;
 
 pub use npy::NpyError;
 
-/// What to do where a program was built without what is wanted of it, as a sentence without its full stop.
+/// Error message for a part (`what`) that this program was built without: how to get it. One sentence, no full stop.
 pub fn not_built(what: &str) -> String {
     format!(
         "this palpate was built without {what}; the Python package has all, and so has what `cargo install --locked \

@@ -1,22 +1,23 @@
 //! The `.npy` format: one array of numbers with a short header of text.
 //!
-//! Arrays are read row by row in blocks of bounded size, so that a log of any length streams, and
-//! nothing that a header claims is allocated before the file's own length has confirmed it. Rows of
-//! an array in Fortran order (what `np.save` makes of a transposed array) are gathered column by
-//! column and come out the same.
+//! Arrays are read row by row in blocks of bounded size, so that a log of any length streams. The
+//! size in the header is checked against the length of the file before memory is allocated. Rows of
+//! an array in Fortran order (`np.save` writes a transposed array so) are gathered column by
+//! column.
 //!
-//! Versions 1 to 3 of the format, floats of 4 and 8 bytes and integers of 1 to 8, either byte
-//! order. Objects, records, text and complex numbers are refused. The `npyz` crate would read more
-//! of them at the price of a parser generator and a C compiler; it reads no Fortran order by rows.
+//! Supported are versions 1 to 3 of the format, floats of 4 and 8 bytes and integers of 1 to 8, in
+//! either byte order. Objects, records, text and complex numbers are refused. The `npyz` crate
+//! reads more types, but needs a parser generator and a C compiler, and cannot read Fortran order
+//! by rows.
 
 use std::io::{self, Read, Seek, SeekFrom, Write};
 
 use serde::Deserialize;
 use serde_json::Value;
 
-/// Six bytes that every npy file begins with.
+/// First six bytes of every npy file.
 const MAGIC: &[u8; 6] = b"\x93NUMPY";
-/// Longest header that is read, bytes. numpy's own reader stops at 10,000 bytes.
+/// Longest header that is accepted, bytes. numpy's own reader accepts 10,000 bytes.
 const MAX_HEADER_BYTES: usize = 65_536;
 /// Bytes read at a time.
 const BLOCK_BYTES: u64 = 1 << 18;
@@ -29,29 +30,29 @@ pub enum NpyError {
     /// The file begins with something else.
     #[error("is not an npy file: it begins with {found}; write it with numpy.save")]
     NotNpy { found: String },
-    /// A version that does not exist yet.
+    /// A version other than 1 to 3.
     #[error("is npy version {major}; versions 1 to 3 are known")]
     Version { major: u8 },
     /// The header's text does not parse.
     #[error("has a header that cannot be read: {reason}")]
     Header { reason: String },
-    /// Numbers of a kind that is not read.
+    /// A type of numbers that is not supported.
     #[error("holds `{descr}`, which is {what}; save it with array.astype('float64')")]
     Dtype { descr: String, what: &'static str },
     /// A shape whose size no file could hold.
     #[error("claims the shape {shape:?}, more than any file could hold")]
     TooLarge { shape: Vec<u64> },
-    /// Fewer bytes than promised.
+    /// Fewer bytes than the header says.
     #[error(
         "is truncated: it holds {held} of the {promised} {unit} its header promises; copy it again"
     )]
     Truncated { held: u64, promised: u64, unit: &'static str },
-    /// The system refused to read.
+    /// The operating system reported an error.
     #[error("cannot be read: {0}")]
     Io(#[from] io::Error),
 }
 
-/// What one number looks like, and its bytes: 4 or 8 of a float, 1, 2, 4 or 8 of an integer.
+/// Type of a number and its size in bytes: 4 or 8 for a float, 1, 2, 4 or 8 for an integer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Number {
     Float(usize),
@@ -68,7 +69,7 @@ pub(crate) struct Header {
     pub(crate) shape: Vec<u64>,
 }
 
-/// A header as it is written.
+/// The Python dictionary in a header.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Dictionary {
@@ -78,7 +79,7 @@ struct Dictionary {
 }
 
 impl Number {
-    /// The kind of a letter (`f`, `i` or `u`) and a number of bytes.
+    /// The type for a letter (`f`, `i` or `u`) and a number of bytes.
     pub(crate) fn of(letter: &str, bytes: &str) -> Option<Self> {
         let size = bytes.parse().ok()?;
         match (letter, bytes) {
@@ -89,15 +90,15 @@ impl Number {
         }
     }
 
-    /// Bytes of one number.
+    /// Size of one number, bytes.
     pub(crate) fn bytes(self) -> usize {
         match self {
             Self::Float(bytes) | Self::Signed(bytes) | Self::Unsigned(bytes) => bytes,
         }
     }
 
-    /// The number in the first bytes of `raw`, little-endian, rounded to `f64` if need be; the
-    /// others are zero.
+    /// The number in the first bytes of `raw`, little-endian, rounded to `f64` if necessary; the
+    /// remaining bytes must be zero.
     #[allow(clippy::cast_precision_loss)] // integers beyond 2^53 are no joint angles
     pub(crate) fn to_f64(self, raw: [u8; 8]) -> f64 {
         match self {
@@ -108,7 +109,7 @@ impl Number {
         }
     }
 
-    /// The kind that `descr` (numpy's `dtype.str`) names, and whether its bytes are reversed.
+    /// The type that `descr` (numpy's `dtype.str`) names, and whether it is big-endian.
     fn parse(descr: &str) -> Result<(Self, bool), NpyError> {
         let refuse = |what| Err(NpyError::Dtype { descr: descr.to_owned(), what });
         let (order, kind) = match descr.as_bytes() {
@@ -129,7 +130,7 @@ impl Number {
 }
 
 impl Header {
-    /// Reads magic, version and header; leaves `input` at the first number.
+    /// Reads magic bytes, version and header; leaves `input` at the first number.
     pub(crate) fn read(input: &mut impl Read) -> Result<Self, NpyError> {
         let mut start = Vec::new();
         input.by_ref().take(8).read_to_end(&mut start)?;
@@ -154,9 +155,9 @@ impl Header {
         Self::parse(&text)
     }
 
-    /// `{'descr': '<f8', 'fortran_order': False, 'shape': (2, 3), }`, keys in any order.
+    /// Parses `{'descr': '<f8', 'fortran_order': False, 'shape': (2, 3), }`, keys in any order.
     fn parse(text: &str) -> Result<Self, NpyError> {
-        // A dictionary of Python is YAML but for the brackets of a tuple. Python 2 wrote `400L`.
+        // A Python dictionary is YAML except for the brackets of a tuple. Python 2 wrote `400L`.
         let yaml = text.replace('(', "[").replace(')', "]").replace("L,", ",").replace("L]", "]");
         let Dictionary { descr, fortran_order, shape } =
             serde_saphyr::from_str(&yaml).map_err(|error| {
@@ -170,7 +171,7 @@ impl Header {
         Ok(Self { number, big_endian, fortran_order, shape })
     }
 
-    /// Bytes of all numbers.
+    /// Size of all numbers, bytes.
     pub(crate) fn data_bytes(&self) -> Result<u64, NpyError> {
         self.product(self.number.bytes() as u64, &self.shape)
     }
@@ -181,7 +182,7 @@ impl Header {
         product.ok_or_else(|| self.too_large())
     }
 
-    /// The error of a shape that no memory holds.
+    /// Error for a shape that does not fit into memory.
     pub(crate) fn too_large(&self) -> NpyError {
         NpyError::TooLarge { shape: self.shape.clone() }
     }
@@ -192,14 +193,14 @@ impl Header {
         self.words(raw).map(move |word| number.to_f64(word))
     }
 
-    /// The same as little-endian bytes, those that a number has not being zero.
+    /// The numbers in `raw` as little-endian bytes, padded with zeros to 8 bytes.
     pub(crate) fn words<'a>(&self, raw: &'a [u8]) -> impl Iterator<Item = [u8; 8]> + use<'a> {
         let big_endian = self.big_endian;
         raw.chunks_exact(self.number.bytes()).map(move |chunk| word(chunk, big_endian))
     }
 }
 
-/// The bytes of one number, the lowest first, and zeros behind them.
+/// The bytes of one number as little-endian, padded with zeros to 8 bytes.
 pub(crate) fn word(bytes: &[u8], big_endian: bool) -> [u8; 8] {
     let mut word = [0; 8];
     word[..bytes.len()].copy_from_slice(bytes);
@@ -209,7 +210,7 @@ pub(crate) fn word(bytes: &[u8], big_endian: bool) -> [u8; 8] {
     word
 }
 
-/// The integer in the first `bytes` of a word, whose highest bit is its sign.
+/// The signed integer in the first `bytes` bytes of a word, little-endian.
 pub(crate) fn signed(word: [u8; 8], bytes: usize) -> i64 {
     let unused = 64 - 8 * bytes;
     i64::from_le_bytes(word) << unused >> unused
@@ -217,8 +218,8 @@ pub(crate) fn signed(word: [u8; 8], bytes: usize) -> i64 {
 
 /// Writes the header of an array in C order, little-endian; `descr` is numpy's `dtype.str`.
 ///
-/// As numpy does, it leaves room for any number of rows, so that it can be written again over
-/// itself when their number is known.
+/// As numpy does, it leaves space for any number of rows, so that the header can be overwritten
+/// when the number of rows is known.
 pub(crate) fn write_header(out: &mut impl Write, descr: &str, shape: &[usize]) -> io::Result<()> {
     let sides: String = shape.iter().map(|side| format!("{side}, ")).collect();
     let mut text = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': ({sides}), }}");
@@ -242,11 +243,11 @@ pub(crate) struct Rows<R> {
     input: R,
     header: Header,
     data_start: u64,
-    /// Rows of the array; a one-dimensional array has one number a row.
+    /// Number of rows; a one-dimensional array has one number per row.
     pub(crate) rows: u64,
-    /// Numbers in a row.
+    /// Numbers per row.
     pub(crate) columns: usize,
-    /// Rows that were handed on.
+    /// Number of rows returned so far.
     pub(crate) read: u64,
     block: Vec<f64>,
     block_start: u64,
@@ -260,7 +261,7 @@ impl<R: Read + Seek> Rows<R> {
         let columns = header.product(1, &header.shape[header.shape.len().min(1)..])?;
         let data_start = input.stream_position()?;
         let held = input.seek(SeekFrom::End(0))?.saturating_sub(data_start);
-        // Rows without columns hold nothing, however many the header counts.
+        // Rows without columns are ignored, whatever their number in the header.
         let rows = if columns == 0 { 0 } else { header.shape.first().copied().unwrap_or(1) };
         let size = header.number.bytes() as u64;
         if held < promised {
@@ -274,7 +275,7 @@ impl<R: Read + Seek> Rows<R> {
         Ok(Self { input, header, data_start, rows, columns, read: 0, block, block_start: 0 })
     }
 
-    /// Sides of the array as the file gives them.
+    /// Shape of the array as in the header.
     pub(crate) fn shape(&self) -> &[u64] {
         &self.header.shape
     }
@@ -293,7 +294,7 @@ impl<R: Read + Seek> Rows<R> {
         if self.read >= self.block_start + held
             && let Err(error) = self.read_block()
         {
-            self.read = self.rows; // A failed read is the end: its rows cannot be trusted.
+            self.read = self.rows; // After a failed read, no more rows are returned.
             return Some(Err(error));
         }
         let offset = (self.read - self.block_start) as usize * self.columns;
@@ -301,7 +302,7 @@ impl<R: Read + Seek> Rows<R> {
         Some(Ok(&self.block[offset..offset + self.columns]))
     }
 
-    /// All numbers from the next row on.
+    /// All numbers of the remaining rows.
     pub(crate) fn all(mut self) -> Result<Vec<f64>, NpyError> {
         let mut numbers = Vec::new();
         while let Some(row) = self.next_row() {
@@ -332,7 +333,7 @@ impl<R: Read + Seek> Rows<R> {
         Ok(())
     }
 
-    /// The bytes of `count` numbers from the `first` on.
+    /// The bytes of `count` numbers, starting with number `first`.
     fn read_at(&mut self, first: u64, count: u64) -> Result<Vec<u8>, NpyError> {
         let size = self.header.number.bytes() as u64;
         self.input.seek(SeekFrom::Start(self.data_start + first * size))?;
@@ -355,7 +356,7 @@ fn not_npy(start: &[u8]) -> NpyError {
     NpyError::NotNpy { found }
 }
 
-/// Fills `raw` or says that the header ends early.
+/// Fills `raw`, or returns an error if the file ends within the header.
 fn read_whole(input: &mut impl Read, raw: &mut [u8]) -> Result<(), NpyError> {
     input.read_exact(raw).map_err(|error| match error.kind() {
         io::ErrorKind::UnexpectedEof => header("the file ends within it"),
@@ -369,7 +370,7 @@ mod tests {
     use proptest::prelude::*;
     use std::io::Cursor;
 
-    /// A file as numpy writes it, with any header text.
+    /// An npy file with a given header text.
     fn file(major: u8, header: &str, data: &[u8]) -> Vec<u8> {
         let mut bytes = MAGIC.to_vec();
         bytes.extend([major, 0]);

@@ -1,4 +1,4 @@
-//! Libraries that panic on a broken file: for a user, that is an error of the file.
+//! Turns panics of libraries that read a broken file into errors.
 
 use std::cell::Cell;
 use std::panic::{self, AssertUnwindSafe};
@@ -8,8 +8,8 @@ thread_local! {
     static CATCHES: Cell<bool> = const { Cell::new(false) };
 }
 
-/// What some work of a library returns, or what it panicked with. The panic is not printed: the hook
-/// of the process is put behind one that keeps still here.
+/// Runs `work` and returns its result, or the message of its panic. The panic is not printed: a
+/// panic hook that is silent during `work` is installed before the hook of the process.
 pub(crate) fn caught<T>(work: impl FnOnce() -> T) -> Result<T, String> {
     static QUIET: Once = Once::new();
     QUIET.call_once(|| {

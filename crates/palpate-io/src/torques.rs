@@ -1,14 +1,14 @@
-//! External torques of logs, out: as CSV, Parquet or MCAP.
+//! Writes the external torques of logs as CSV, Parquet or MCAP.
 //!
-//! A table has the columns `touch, time, <joint>_torque…, <joint>_std…, statistic`, the six of a wrench if there is one,
-//! and `touched`. A bag has these topics, each message with the sample's time:
+//! A table has the columns `touch, time, <joint>_torque…, <joint>_std…, statistic`, then `fx` to `mz` if there is a
+//! wrench, and `touched`. A bag has these topics, each message with the sample's time:
 //!
-//! | topic                         | type                         | holds                                       |
+//! | topic                         | type                         | content                                     |
 //! |-------------------------------|------------------------------|---------------------------------------------|
 //! | `/palpate/external_torque`    | `sensor_msgs/JointState`     | positions, external torques as efforts      |
 //! | `/palpate/external_torque_std`| `std_msgs/Float64MultiArray` | standard deviations, in the same order      |
 //! | `/palpate/touched`            | `std_msgs/Bool`              | whether something is touched                |
-//! | `/palpate/touch`              | `std_msgs/String`            | before the first sample of each touch       |
+//! | `/palpate/touch`              | `std_msgs/String`            | name, before the first sample of each touch |
 
 use std::io::{self, Seek, Write};
 use std::path::Path;
@@ -19,40 +19,40 @@ use crate::log::bag_write::TorqueWriter;
 /// External torque at a sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TorqueRow<'a> {
-    /// The touch that the sample is of.
+    /// Name of the touch that the sample belongs to.
     pub touch: &'a str,
-    /// By the log's clock, s.
+    /// Time by the log's clock, s.
     pub time_s: Option<f64>,
     /// Joint positions, rad or m.
     pub q: &'a [f64],
     /// External torques, N·m.
     pub torque: &'a [f64],
-    /// Their standard deviations, N·m.
+    /// Standard deviations of the external torques, N·m.
     pub std: &'a [f64],
     /// The largest |torque| over its standard deviation.
     pub statistic: f64,
-    /// Whether something is touched.
+    /// Whether a contact is detected.
     pub touched: bool,
-    /// Force, N, and moment, N·m, at a link.
+    /// Wrench at a link: force, N, then moment, N·m.
     pub wrench: Option<[f64; 6]>,
 }
 
-/// What a file of external torques looks like.
+/// File format of external torques.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TorqueFormat {
-    /// A table as text.
+    /// Table as text.
     Csv,
-    /// A table of columns.
+    /// Table stored by columns.
     Parquet,
-    /// A bag for the tools of ROS 2.
+    /// Bag for the tools of ROS 2.
     Mcap,
 }
 
-/// Writes rows of joints of these names, whole or not at all.
+/// Writes all rows, or leaves no file; `joints` are the joint names in the order of the torques.
 ///
 /// # Errors
 ///
-/// If the file cannot be written, or a time cannot be said in the format.
+/// If the file cannot be written, or the format cannot represent a time.
 pub fn write(
     path: &Path,
     format: TorqueFormat,
@@ -69,7 +69,7 @@ pub fn write(
     })
 }
 
-/// Names of all columns but `touch` and `touched`, with what is in them.
+/// Names and values of all columns except `touch` and `touched`.
 fn columns<'a>(joints: &'a [String], rows: &'a [TorqueRow<'a>]) -> Vec<(String, Vec<f64>)> {
     type Of = fn(&TorqueRow<'_>, usize) -> f64;
     let mut columns = Vec::new();
@@ -122,7 +122,7 @@ fn parquet(
     use ::parquet::schema::parser::parse_message_type;
 
     let columns = columns(joints, rows);
-    // Names that the text of a schema cannot say stand for themselves by number.
+    // Names that the text of a schema cannot contain are replaced by column numbers.
     let is_plain = |name: &str| name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
     let name = |(number, (name, _)): (usize, &(String, Vec<f64>))| {
         let name = if is_plain(name) { name.clone() } else { format!("column_{number}") };

@@ -1,7 +1,7 @@
 """Writes the same box (2 x 1 x 3, one corner at the origin) as binary STL, text STL and OBJ.
 
-`boxes.dae` is written by hand: the same box as quads in millimetres, shown twice, the second time
-turned by 90 degrees about z and moved by 10 m along x, beside a geometry that is not shown.
+`boxes.dae` is written by hand: two instances of the same box as quads in millimetres, the second
+rotated by 90 degrees about z and moved by 10 m along x, and a geometry that is not in the scene.
 """
 
 import struct

@@ -1,4 +1,4 @@
-"""Makes the npz files that numpy wrote, and checks with numpy the one that we wrote.
+"""Writes npz files with numpy, and checks with numpy the file that palpate wrote.
 
     python npz.py          writes numpy.npz and openvsf.npz
     python npz.py check    loads palpate.npz (written by tests/npz.rs) without pickle

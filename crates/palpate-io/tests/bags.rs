@@ -1,4 +1,4 @@
-//! Bags of ROS 2: what is read back, and what is said of bags that are not as they should be.
+//! Bags of ROS 2: samples that are read back, and errors and warnings for defective bags.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use std::collections::BTreeMap;
@@ -25,7 +25,7 @@ fn sample(i: usize) -> Sample {
     Sample::new(Some(x / 64.0), vec![x.sin(), -x], vec![1.0 / (x + 1.0), 1e-300 * x])
 }
 
-/// Two touches of so many samples.
+/// Writes two touches with `samples` samples each.
 fn write(path: &Path, samples: usize, compression: Compression) {
     let joints = names(&["a", "b"]);
     let mut bag = TouchWriter::new(File::create(path).unwrap(), joints, compression).unwrap();
@@ -36,7 +36,7 @@ fn write(path: &Path, samples: usize, compression: Compression) {
     bag.finish().unwrap();
 }
 
-/// A bag of any messages, unchunked, with the default joint states on a topic.
+/// A bag of any messages, without chunks, with a topic of joint states.
 struct Raw {
     folder: TempDir,
     bag: mcap::Writer<File>,
@@ -117,7 +117,7 @@ fn samples(events: &[LogEvent]) -> Vec<Sample> {
 }
 
 #[test]
-fn what_is_written_comes_back_to_the_last_bit_however_it_is_packed() {
+fn written_bags_read_back_exactly_with_every_compression() {
     let folder = tempfile::tempdir().unwrap();
     for compression in [Compression::Zstd, Compression::Lz4, Compression::None] {
         let path = folder.path().join("bag.mcap");
@@ -199,7 +199,7 @@ fn joints_are_matched_by_name_in_any_order_and_others_are_left_out() {
     assert_eq!(samples(&events)[1].tau, [0.2, 0.1]);
     refused(&path, &joints(&["c"]), &["none of them of the joints c"]);
 
-    // A gripper's joint on the arm's messages, which measures no torque; an arm's that fails once is reported.
+    // A gripper's joint without torques in the arm's messages is left out; a single NaN of an arm's joint is an error.
     let mut raw = Raw::new();
     let arm_and_grip = |raw: &mut Raw, time_ns, tau: f64| {
         raw.state(time_ns, &["a", "grip", "b"], &[1.0, 3.0, 2.0], &[0.1, f64::NAN, tau]);
@@ -307,7 +307,7 @@ fn touches_get_different_names_whatever_the_markers_say() {
 }
 
 #[test]
-fn gaps_part_touches_of_any_format() {
+fn gaps_split_touches_of_any_format() {
     let mut raw = Raw::new();
     for ms in [0, 10, 20, 520, 530, 1031] {
         raw.state(1 + ms * 1_000_000, &["a"], &[0.0], &[1.0]);
@@ -354,7 +354,7 @@ fn files_that_are_no_bag_of_ros_2_get_a_remedy() {
 }
 
 #[test]
-fn a_text_that_claims_gigabytes_is_refused_before_room_is_made_for_it() {
+fn a_text_that_claims_gigabytes_is_refused_before_memory_is_allocated() {
     let mut raw = Raw::new();
     (0..5).for_each(|i| raw.state(i * 10_000_000 + 1, &["a"], &[i as f64], &[0.5]));
     let (_kept, path) = raw.done();

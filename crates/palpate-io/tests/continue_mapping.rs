@@ -1,4 +1,4 @@
-//! Mapping that is saved, loaded and continued is mapping that never stopped.
+//! Mapping that is saved, loaded and continued gives the same field as mapping without interruption.
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 use std::path::Path;
@@ -11,7 +11,7 @@ use palpate::{
 use palpate_io::field::{Saved, load, npz, save};
 use palpate_io::log::{self, LogEvent};
 
-/// The first touches of the bundled set, thinned after the still start.
+/// The first touches of the bundled set, with fewer samples after the still start.
 fn touches(count: usize) -> Vec<Vec<Sample>> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
     let mut touches: Vec<Vec<Sample>> = Vec::new();
@@ -39,7 +39,7 @@ fn config(method: EstimatorKind) -> MapperConfig {
     let lattice = Lattice::filling([-1.2; 3], [1.2; 3], 0.02).unwrap();
     let mut config = MapperConfig::of(method);
     config.lattice = lattice;
-    config.estimator.drift_std_n_per_m = 0.1; // so that lazy drift has something to carry over
+    config.estimator.drift_std_n_per_m = 0.1; // so that lazy drift must be saved
     config.estimator.memory.frames = 30; // so that frames leave memory before and after
     config
 }
@@ -62,46 +62,46 @@ fn through_a_file(mapper: Mapper, arm: &Arc<Arm>) -> Mapper {
 }
 
 #[test]
-fn saved_loaded_and_continued_is_never_having_stopped() {
-    never_having_stopped(&[], &touches(3));
+fn saved_loaded_and_continued_equals_uninterrupted_mapping() {
+    assert_equal_to_uninterrupted_mapping(&[], &touches(3));
 }
 
 #[test]
-fn with_a_prior_by_cell_saved_loaded_and_continued_is_never_having_stopped() {
+fn with_a_prior_by_cell_saved_loaded_and_continued_equals_uninterrupted_mapping() {
     let lattice = config(EstimatorKind::Map).lattice;
-    // Every third cell of a slab that the touches go through, and some that they do not reach.
+    // Every third cell of a slab; the touches reach some of these cells.
     let cells = (0..lattice.n_cells() as u32).map(CellId);
     let slab = cells.filter(|&cell| cell.0 % 3 == 0 && lattice.point(cell).z.abs() < 0.3);
     let prior: Vec<_> = slab.map(|cell| (cell, 0.01 * f64::from(cell.0 % 100))).collect();
-    never_having_stopped(&prior, &touches(3));
+    assert_equal_to_uninterrupted_mapping(&prior, &touches(3));
 }
 
 #[test]
-fn torques_of_which_some_have_a_standard_deviation_go_on_as_well() {
+fn mapping_continues_if_some_torques_have_a_standard_deviation() {
     let mut touches = touches(3);
     for touch in &mut touches {
         for (n, sample) in touch.iter_mut().enumerate() {
-            // One of zero is not a missing one; at the start it would distinguish a load from the tare.
+            // A standard deviation of 0 is not a missing one; at the start, 0 would distinguish a load from the tare.
             let least = if n < 15 { 3.0 } else { 0.0 };
             let std = |joint: usize| least + 0.1 * ((n + joint) % 5) as f64;
             sample.tau_std = (n % 3 != 0).then(|| (0..7).map(std).collect());
         }
     }
-    never_having_stopped(&[], &touches);
+    assert_equal_to_uninterrupted_mapping(&[], &touches);
 }
 
 #[test]
-fn samples_too_close_together_to_be_learned_go_on_as_well() {
+fn mapping_continues_with_samples_too_close_together_to_be_learned() {
     let mut touches = touches(3);
     for (n, sample) in touches.iter_mut().flat_map(|touch| touch.iter_mut().enumerate()) {
-        // The first sample after the stop in the middle follows closely on one that was learned.
+        // The first sample after the interruption follows closely on one that was learnt.
         sample.time_s = (n % 7 != 5).then_some(0.02 * n as f64);
     }
-    never_having_stopped(&[], &touches);
+    assert_equal_to_uninterrupted_mapping(&[], &touches);
 }
 
 #[test]
-fn slow_samples_without_times_go_on_as_well() {
+fn mapping_continues_with_slow_samples_without_times() {
     let mut touches = touches(3);
     for touch in &mut touches {
         let end = touch.last().unwrap().q.clone();
@@ -116,7 +116,7 @@ fn slow_samples_without_times_go_on_as_well() {
     let skipped =
         mapper.snapshot().sample_log[0].skipped.iter().filter(|skipped| **skipped).count();
     assert!((3..touches[0].len()).contains(&skipped), "{skipped} of {}", touches[0].len());
-    never_having_stopped(&[], &touches);
+    assert_equal_to_uninterrupted_mapping(&[], &touches);
 }
 
 #[test]
@@ -169,8 +169,8 @@ fn a_standard_deviation_of_the_torque_is_added_to_that_of_the_estimator() {
     }
 }
 
-/// Three touches in one go, and with two stops.
-fn never_having_stopped(prior: &[(CellId, f64)], touches: &[Vec<Sample>]) {
+/// Compares learning three touches without interruption and with two.
+fn assert_equal_to_uninterrupted_mapping(prior: &[(CellId, f64)], touches: &[Vec<Sample>]) {
     let arm = arm();
     for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
         let mut config = config(method);
@@ -251,8 +251,8 @@ fn a_field_file_of_format_1_loads_and_continues_as_one_of_format_2() {
     }
 }
 
-/// Rewrites a field file as format 1 had it: five arrays under their old names, and for `ekf` a
-/// zero for each remembered frame where format 2 has an empty array.
+/// Rewrites a field file in format 1: five arrays under their old names, and for `ekf` a zero for
+/// each remembered frame where format 2 has an empty array.
 fn write_format_1(new: &Path, old: &Path, frames: usize) {
     let read = npz::read_npz(new).unwrap();
     let mut arrays = npz::Arrays::new();
@@ -409,7 +409,7 @@ fn on_two_threads_the_field_is_the_same_to_the_bit_as_on_one() {
 }
 
 #[test]
-fn a_forgotten_touch_was_never_learned_to_the_bit() {
+fn forgetting_a_touch_gives_to_the_bit_the_field_without_it() {
     let (arm, touches) = (arm(), touches(4));
     let lattice = config(EstimatorKind::Map).lattice;
     let prior: Vec<_> =
@@ -418,7 +418,7 @@ fn a_forgotten_touch_was_never_learned_to_the_bit() {
         let learned = |numbers: &[usize]| {
             let mut config = config(method);
             config.estimator.stiffness_scale = 0.8;
-            // Frames leave memory, but some of every touch stay.
+            // Frames leave memory, but some frames of every touch remain.
             config.estimator.memory.frames = 40;
             let mut mapper = Mapper::with_prior(Arc::clone(&arm), config, &prior).unwrap();
             for number in numbers {
@@ -436,7 +436,7 @@ fn a_forgotten_touch_was_never_learned_to_the_bit() {
         let never = learned(&[1, 3]);
         assert_eq!(without.field(), never.field(), "{method:?}");
         assert_eq!(without.prior_n_per_m(), never.prior_n_per_m());
-        // It can forget once more, and numbers stay what they were.
+        // The mapper can forget another touch, and the numbers of the touches do not change.
         let snapshot = through_a_file(without, &arm).snapshot();
         assert_eq!((snapshot.touches, snapshot.gone), (4, 0));
         let numbers: Vec<u32> = snapshot.sample_log.iter().map(|touch| touch.touch).collect();
@@ -451,7 +451,7 @@ fn a_forgotten_touch_was_never_learned_to_the_bit() {
 }
 
 #[test]
-fn what_else_would_be_lost_with_a_touch_is_said() {
+fn the_error_says_how_many_other_touches_would_be_lost() {
     let (arm, touches) = (arm(), touches(3));
     let mut config = config(EstimatorKind::Map);
     config.estimator.memory.frames = 1;
@@ -461,7 +461,7 @@ fn what_else_would_be_lost_with_a_touch_is_said() {
         go_on(&mut mapper, touch);
         mapper.end_touch().unwrap();
     }
-    // In the middle of a touch, the last one may be gone as well.
+    // During a touch, the previous touch may also have left the sample log.
     mapper.begin_touch();
     let snapshot = mapper.snapshot();
     assert_eq!(snapshot.sample_log.len() as u32 + snapshot.gone, 4);
@@ -473,7 +473,7 @@ fn what_else_would_be_lost_with_a_touch_is_said() {
 }
 
 #[test]
-fn a_field_without_touches_held_out_has_bands_as_other_objects_have_them() {
+fn without_held_out_touches_bands_are_those_of_other_objects() {
     let (arm, touches) = (arm(), touches(2));
     for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
         let mut config = config(method);
@@ -487,7 +487,7 @@ fn a_field_without_touches_held_out_has_bands_as_other_objects_have_them() {
         }
         let (field, bands) = (mapper.field(), mapper.calibration().unwrap().clone());
         assert_eq!((bands.touches, bands.of_other_objects), (2, true));
-        // Bands that are given stay until something is touched, and their misfits from then on.
+        // A given calibration is unchanged until the first contact; its misfits are kept even after that.
         let given = Calibration { misfits: vec![[0.5, 0.3]], ..bands.clone() };
         let beside = Mapper::new(Arc::clone(&arm), config.clone()).unwrap();
         let mut beside = beside.with_calibration(Some(given.clone()));
@@ -500,7 +500,7 @@ fn a_field_without_touches_held_out_has_bands_as_other_objects_have_them() {
         beside.end_touch().unwrap();
         let after = beside.calibration().unwrap();
         assert_eq!((&after.misfits, after.touches), (&given.misfits, 1));
-        // From the errors on what it has learnt.
+        // The bands follow from the errors on the learnt touches.
         let mut predictor = Predictor::new(Arc::clone(&arm), &field, config.touch.clone()).unwrap();
         let mut learnt = Vec::new();
         for samples in &touches {
@@ -522,7 +522,7 @@ fn a_field_without_touches_held_out_has_bands_as_other_objects_have_them() {
         };
         assert!(off(&bands.floor_n_m, &wanted.floor_n_m) < 1e-6, "{bands:?} and {wanted:?}");
         assert!(off(&bands.by_unknown_n_m, &wanted.by_unknown_n_m) < 1e-6);
-        // And they are the same after a file.
+        // The bands are the same after saving and loading.
         let mut again = through_a_file(mapper, &arm);
         assert_eq!(again.calibration(), Some(&bands));
         again.begin_touch();
@@ -532,13 +532,13 @@ fn a_field_without_touches_held_out_has_bands_as_other_objects_have_them() {
 
 #[test]
 fn a_known_standard_deviation_of_the_torques_does_not_narrow_bands() {
-    // Torques that count a fifth are learnt from less, not known better: the error is that of the torques themselves.
+    // A standard deviation five times as large lowers the weight of a torque, but does not change the errors.
     let (arm, touches) = (arm(), touches(1));
     let bands = |std_n_m: Option<f64>| {
         let mut config = config(EstimatorKind::Map);
         let own = config.estimator.torque_std[0];
         (config.estimator.replays, config.touch.tare) = (0, palpate::Tare::None);
-        // No stiffness: what is left is all of the torque, whatever the weights.
+        // Without stiffness, the residual is the whole torque, for any weights.
         config.estimator.stiffness_scale = 0.0;
         let mut mapper = Mapper::new(Arc::clone(&arm), config).unwrap();
         mapper.begin_touch();
@@ -586,7 +586,7 @@ fn a_step_reports_the_band_that_a_predictor_has_at_the_same_field() {
         go_on(&mut mapper, &touches[0]);
         mapper.end_touch().unwrap();
         assert_eq!(mapper.calibration(), Some(&calibration), "its own bands stay");
-        // The first frame in contact of the next touch, by the field as it is then.
+        // Compared at the first frame with contacts of the next touch.
         let mut field = mapper.field();
         let untouched = config.estimator.stiffness_scale
             * config.estimator.prior.at_spacing(config.lattice.spacing_m()).1;

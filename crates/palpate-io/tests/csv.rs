@@ -1,4 +1,4 @@
-//! Logs as tables: what people write, and what nobody should.
+//! Logs as tables: supported variants, and errors for defects.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use palpate_io::log::{
@@ -20,7 +20,7 @@ fn read_as(path: &Path, options: &LogOptions) -> Result<Vec<LogEvent>, LogError>
     open(path, options)?.collect()
 }
 
-/// Events of one table, or the complaint about it.
+/// Events of one table, or its error message.
 fn read(text: &str) -> Result<Vec<LogEvent>, String> {
     let folder = folder_with(&[("push.csv", text)]);
     read_as(&folder.path().join("push.csv"), &LogOptions::default()).map_err(|e| e.to_string())
@@ -74,7 +74,7 @@ fn a_touch_column_parts_touches_and_joints_are_named() {
             sample(None, &[0.3], &[3.0]),
         ]
     );
-    // Rows without a touch are between touches.
+    // Rows with an empty touch column are between touches.
     let named = [start("7", None), sample(None, &[0.1], &[1.0]), start("8", None)];
     let between = read("seq,q1,tau1\n,0,0\n7,0.1,1\n,0,0\n8,0,0\n,0,0\n").unwrap();
     assert_eq!(between[..3], named);
@@ -132,7 +132,7 @@ fn a_file_of_kukas_recorder_is_read_as_it_is() {
 }
 
 #[test]
-fn a_folder_is_read_in_natural_order_a_file_a_touch() {
+fn a_folder_is_read_in_natural_order_with_a_touch_per_file() {
     let table = "q1,tau1\n0,1\n";
     let folder =
         folder_with(&[("r10.csv", table), ("r9.CSV", table), (".r0.csv", "?"), ("a.md", "")]);
@@ -164,7 +164,7 @@ fn a_map_names_the_columns_and_degrees_are_turned() {
     let wanted = [start("x", Some(&["a", "b"])), sample(Some(3.0), &[pi, pi / 2.0], &[2.0, 1.0])];
     assert_eq!(events, wanted);
 
-    // A time in two columns is named as the description says it.
+    // A time in two columns is given by the name that the description of the log reports.
     let table = folder.path().join("two.csv");
     fs::write(&table, "sec,nanosec,q1,tau1\n3,500000000,0,0\n").unwrap();
     let found = open(&table, &LogOptions::default()).unwrap().describe().columns;
@@ -202,7 +202,7 @@ fn a_table_without_a_header_is_read_by_the_numbers_of_its_columns() {
     let events = read_as(&table, &named(columns(&["3"], &["2"]))).unwrap();
     assert_eq!(events[1], sample(Some(0.5), &[2.0], &[1.0]));
 
-    // pandas calls the columns of an array by their numbers from 0.
+    // pandas names the columns of an array by their numbers, from 0.
     fs::write(&table, "0,1,2,3\n0.5,1,2,3\n").unwrap();
     let events = read_as(&table, &named(columns(&["2"], &["3"]))).unwrap();
     assert_eq!(events[1], sample(Some(1.0), &[2.0], &[3.0]));

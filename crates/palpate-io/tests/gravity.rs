@@ -23,13 +23,13 @@ struct Conventions {
 }
 
 #[derive(Deserialize)]
-#[allow(non_snake_case)] // the file's own spelling
+#[allow(non_snake_case)] // the spelling of the file
 struct TouchMeta {
     noise_sigma_Nm: f64,
     bias_Nm: Vec<f64>,
 }
 
-/// Folders of touches that say what their noise and bias are.
+/// Folders of touches whose metadata contains noise and bias of the sensors.
 fn sets() -> Vec<PathBuf> {
     let mut sets = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a")];
     if let Some(folder) = std::env::var_os("PALPATE_DATA") {
@@ -39,7 +39,7 @@ fn sets() -> Vec<PathBuf> {
     sets
 }
 
-/// Measured less gravity torque of every touch's first frames.
+/// Measured torque minus gravity torque in the first frames of every touch, N·m.
 fn at_rest(robot: &Robot, set: &Path, frames: usize) -> Vec<Vec<DVector<f64>>> {
     let mut touches: Vec<Vec<DVector<f64>>> = Vec::new();
     for event in log::open(set, &log::LogOptions::default()).unwrap() {

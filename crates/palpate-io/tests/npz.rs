@@ -1,4 +1,4 @@
-//! Fields as npz files: what numpy and OpenVSF wrote, what we write, and what nobody should.
+//! Fields as npz files: files of numpy, of OpenVSF and of palpate, and errors for defects.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use palpate_io::field::npz::{Array, Arrays, Data, NpzError, read_npz, write_npz};
@@ -11,7 +11,7 @@ fn testdata(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("testdata").join(name)
 }
 
-/// The field that `testdata/npz.py` knows.
+/// The field in `testdata/npz.py`.
 fn field() -> FieldFile {
     let [origin_m, shape] = [[-1.2, -1.2, 0.0], [200.0, 200.0, 100.0]];
     FieldFile {
@@ -58,7 +58,7 @@ fn what_openvsf_writes_is_read_without_pickle() {
     assert!(error.contains("pickle"), "{error}");
 }
 
-/// numpy's side of this golden is checked by hand: `testdata/npz.py check`.
+/// That numpy reads this golden file is checked by hand: `testdata/npz.py check`.
 #[test]
 fn what_we_write_reads_back_and_the_golden_too() {
     let folder = tempfile::tempdir().unwrap();
@@ -76,7 +76,7 @@ fn what_we_write_reads_back_and_the_golden_too() {
 }
 
 #[test]
-fn what_was_expected_before_any_touch_is_kept_with_the_field() {
+fn the_prior_mean_is_saved_with_the_field() {
     let expecting = FieldFile { prior: Some(vec![0.0, 2.5, 1.0]), ..field() };
     assert_eq!(FieldFile::from_arrays(&expecting.to_arrays()).unwrap(), expecting);
 }
@@ -143,7 +143,7 @@ fn a_truncated_or_flipped_file_is_an_error_not_other_numbers() {
         let mut flipped = bytes.clone();
         flipped[at] ^= 0x10;
         fs::write(&broken, flipped).unwrap();
-        // A flip may hit what carries no meaning (a date) or a name: then the numbers stand.
+        // A flip may hit a name, or bytes without meaning (a date): the numbers are then unchanged.
         if let Ok(read) = read_npz(&broken) {
             for (name, array) in read.iter() {
                 let known = arrays().get(name).cloned();
@@ -154,7 +154,7 @@ fn a_truncated_or_flipped_file_is_an_error_not_other_numbers() {
 }
 
 #[test]
-fn what_is_no_npz_is_said_to_be_none() {
+fn a_file_that_is_not_npz_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("field.npz");
     assert!(matches!(read_npz(&path), Err(NpzError::Io { .. })));

@@ -1,7 +1,7 @@
-//! What Open3D wrote, and what it is to read: `scripts/open3d_round_trip.py` has its side.
+//! Files written by Open3D are read, and golden files for Open3D are written.
 //!
-//! After a change on purpose, `PALPATE_UPDATE_GOLDEN=1` rewrites the two files that the script's
-//! `--check` holds against Open3D.
+//! `scripts/open3d_round_trip.py` is the counterpart that runs Open3D. After an intended change,
+//! `PALPATE_UPDATE_GOLDEN=1` rewrites the two files that Open3D reads in the script's `--check`.
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 use nalgebra::{Matrix4, Point3};
@@ -31,7 +31,7 @@ fn expected() -> Expected {
 }
 
 #[test]
-fn clouds_of_open3d_come_out_as_they_went_in() {
+fn clouds_of_open3d_are_read_with_their_points_and_colours() {
     let wanted = expected();
     let rounded = |point: &[f64; 3]| Point3::from(point.map(|number| f64::from(number as f32)));
     let double: Vec<_> = wanted.points.iter().map(|&point| Point3::from(point)).collect();
@@ -57,7 +57,7 @@ fn clouds_of_open3d_come_out_as_they_went_in() {
 }
 
 #[test]
-fn cameras_of_open3d_stand_where_they_stood() {
+fn cameras_of_open3d_keep_their_pose() {
     let wanted = expected();
     for name in ["intrinsic.json", "parameters.json"] {
         let camera = read_camera(&fixture(name)).unwrap();
@@ -84,7 +84,7 @@ fn a_jpeg_has_its_colours_where_they_were() {
 }
 
 #[test]
-fn what_we_write_is_what_open3d_was_seen_to_read() {
+fn written_files_equal_those_that_open3d_has_read() {
     let wanted = expected();
     let points = wanted.points.into_iter().map(Point3::from).collect();
     let cloud = Cloud::new(points, Some(wanted.colours));

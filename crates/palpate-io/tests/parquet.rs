@@ -1,4 +1,4 @@
-//! Parquet: lists as LeRobot has them, and a column a joint.
+//! Parquet: lists as in LeRobot, and one column per joint.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use std::fs::{self, File};
@@ -21,7 +21,7 @@ const LISTS: &str = "message schema {
     required int64 episode_index;
 }";
 
-/// So many frames of two joints, in row groups of four, in the episodes given.
+/// Writes frames of two joints in row groups of four; `episodes` has the episode of each frame.
 fn write_lists(path: &Path, episodes: &[i64]) {
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     let schema = Arc::new(parse_message_type(LISTS).unwrap());
@@ -80,7 +80,7 @@ fn write_compressed(path: &Path, columns: &[(&str, &[f64])], compression: Compre
     writer.close().unwrap();
 }
 
-/// Where the footer is.
+/// Byte range of the footer.
 fn footer_of(bytes: &[u8]) -> Range<usize> {
     let end = bytes.len() - 8;
     let length = u32::from_le_bytes(bytes[end..end + 4].try_into().unwrap());
@@ -101,7 +101,7 @@ fn refused(path: &Path, words: &[&str]) {
 }
 
 #[test]
-fn a_data_set_of_lerobot_is_a_touch_an_episode() {
+fn each_episode_of_a_lerobot_data_set_is_a_touch() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("data");
     write_lists(&data.join("chunk-000/file-000.parquet"), &[0, 0, 0, 1, 1, 1, 1, 1, 1]);
@@ -173,7 +173,7 @@ fn what_cannot_be_used_is_named() {
     write_lists(&at("d.parquet"), &[0, 1, 0]);
     refused(&at("d.parquet"), &["goes back to touch `episode_0`"]);
 
-    // A hundred rows, of which the footer makes 8191.
+    // A hundred rows, changed in the footer to 8191.
     let numbers = [0.5; 100];
     write_columns(&at("f.parquet"), &[("q1", &numbers), ("tau1", &numbers)]);
     let mut bytes = fs::read(at("f.parquet")).unwrap();
@@ -189,7 +189,7 @@ fn what_cannot_be_used_is_named() {
 }
 
 #[test]
-fn no_changed_byte_of_what_a_file_says_of_itself_makes_the_reader_panic() {
+fn no_changed_byte_of_the_footer_makes_the_reader_panic() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("changed.parquet");
     write_lists(&path, &[0, 0, 1]);

@@ -1,7 +1,7 @@
-//! Pictures of the simulated plants against the clouds that their makers made of them.
+//! Compares back-projected images of the simulated plants with the clouds of the simulation.
 //!
 //! Runs on the bundled set, and on every set of the folder in `PALPATE_DATA` if that is given.
-//! `object.ply` holds one point a pixel of the object, rounded to single precision.
+//! `object.ply` holds one point for each pixel of the object, rounded to single precision.
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 use nalgebra::Point3;
@@ -12,7 +12,7 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-/// Folders with a picture and a cloud of its object.
+/// Folders with images and a cloud of the object.
 fn sets() -> Vec<PathBuf> {
     let mut sets = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a")];
     if let Some(folder) = std::env::var_os("PALPATE_DATA") {
@@ -31,7 +31,7 @@ fn seen(set: &Path, config: &BackProjectionConfig) -> (Camera, BackProjection) {
 }
 
 #[test]
-fn the_picture_of_a_plant_is_the_cloud_of_the_plant() {
+fn the_image_of_a_plant_gives_the_cloud_of_the_plant() {
     for set in sets() {
         let (camera, seen) = seen(&set, &BackProjectionConfig::default());
         let by_pixel: HashMap<[u32; 2], usize> =
@@ -87,8 +87,8 @@ fn a_box_around_the_plant_keeps_the_plant_and_nothing_outside() {
     assert!(seen.dropped.outside_box > 100_000, "{}", seen.dropped);
 }
 
-/// Depths as a camera would give them whose edge pixels see both sides: of the pixels in front of
-/// an edge, some get a depth anywhere between the two. Returns the picture and these pixels.
+/// Depths of a camera whose pixels at edges see both sides: some of the pixels in front of an edge
+/// get a depth between the two sides. Returns the depth image and these pixels.
 fn with_mixed_edges(depth: &DepthImage) -> (DepthImage, Vec<[u32; 2]>) {
     let (width, height) = (depth.width(), depth.height());
     let mut random = ChaCha8Rng::seed_from_u64(3);

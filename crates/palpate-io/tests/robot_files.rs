@@ -1,4 +1,4 @@
-//! Robots from files: found, baked, kept, and never believed twice.
+//! Robots from files: search for meshes, baking, and the cache.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use palpate_io::robot_files::{ArmOptions, CachePlace, LoadedArm, load_arm};
@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-/// A folder with a robot of one joint: a mesh of 20 x 10 x 30 cm on its arm, a ball on its base.
+/// A folder with a robot of one joint: the arm is a mesh of 20 x 10 x 30 cm, the base a sphere.
 struct Bench {
     root: TempDir,
     options: ArmOptions,
@@ -151,7 +151,7 @@ fn without_a_usable_cache_the_robot_loads_all_the_same() {
 
 #[cfg(unix)]
 #[test]
-fn a_cache_that_others_may_write_to_is_not_used_and_said_so() {
+fn a_cache_that_others_may_write_to_is_not_used_and_a_warning_says_so() {
     use std::os::unix::fs::PermissionsExt;
     let bench = Bench::new("box.stl");
     bench.put_mesh("box.stl");

@@ -1,5 +1,5 @@
-//! Whatever is written reads back as it was, to the last bit: touches by each of their writers, and
-//! fields. Clouds, arrays and headers have the same tests beside their writers.
+//! Written files read back exactly, to the last bit: touches of each writer, and fields. The tests
+//! for clouds, arrays and headers are beside their writers.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use std::fs::File;
@@ -16,10 +16,10 @@ use palpate_io::log::write::{ArraysWriter, TableWriter};
 use palpate_io::log::{self, LogEvent, LogOptions, Sample};
 use proptest::prelude::*;
 
-/// Touches by name.
+/// Touches with their names.
 type Touches = Vec<(String, Vec<Sample>)>;
 
-/// Any number but infinity.
+/// Any finite number.
 fn number() -> impl Strategy<Value = f64> {
     prop::num::f64::NORMAL | prop::num::f64::SUBNORMAL | prop::num::f64::ZERO
 }
@@ -43,7 +43,7 @@ fn touches(name: &'static str) -> impl Strategy<Value = Touches> {
     })
 }
 
-/// A stamp as the reader of bags understands it.
+/// Converts ns to s as the reader of bags does.
 fn seconds(ns: u64) -> f64 {
     (ns / 1_000_000_000) as f64 + (ns % 1_000_000_000) as f64 * 1e-9
 }
@@ -59,7 +59,7 @@ fn read(path: &Path) -> Touches {
     touches
 }
 
-/// Samples as bits: two zeros differ, and nothing else that is equal.
+/// Samples as bits, so that 0 and −0 differ.
 fn bits(touches: &Touches) -> Vec<Vec<u64>> {
     let numbers = |sample: &Sample| {
         let numbers = sample.q.iter().chain(&sample.tau).chain(&sample.time_s).copied();
@@ -68,7 +68,7 @@ fn bits(touches: &Touches) -> Vec<Vec<u64>> {
     touches.iter().flat_map(|(_, samples)| samples.iter().map(numbers)).collect()
 }
 
-/// Names with a number behind those that were given before.
+/// The names, with a number appended to those that occurred before.
 fn unique(touches: &Touches) -> Vec<String> {
     let mut given: Vec<String> = Vec::new();
     for (name, _) in touches {
@@ -157,7 +157,7 @@ proptest! {
     }
 
     #[test]
-    fn a_field_holds_what_it_knows(field in fields()) {
+    fn a_field_reads_back_exactly(field in fields()) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("field.npz");
         write_npz(&path, &field.to_arrays()).unwrap();
@@ -261,7 +261,7 @@ fn a_mujoco_model_has_the_bodies_joints_and_springs() {
     let xml = body::mujoco_xml(&variant(), 0.4);
     let model = roxmltree::Document::parse(&xml).unwrap();
     let of = |name: &str| model.descendants().filter(|node| node.has_tag_name(name)).count();
-    assert_eq!((of("body"), of("joint"), of("geom")), (4, 4, 5)); // one geom is the default's
+    assert_eq!((of("body"), of("joint"), of("geom")), (4, 4, 5)); // one geom is in <default>
     let stiffness: Vec<f64> = (model.descendants())
         .filter_map(|node| node.attribute("stiffness")?.parse().ok())
         .collect();

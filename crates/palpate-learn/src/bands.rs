@@ -1,4 +1,4 @@
-//! How often bands hold the measured torque of touches that were neither learnt nor calibrated on.
+//! Coverage of the bands on touches that were used neither for learning nor for calibration.
 
 use nalgebra::DVector;
 use palpate::Calibration;
@@ -6,75 +6,74 @@ use serde::{Deserialize, Serialize};
 
 use crate::calibrate::{PredictedFrame, peak_errors, quantile, scales};
 
-/// How sure an estimator is of the torques of a fold's test touches.
+/// Uncertainty of the torques that an estimator predicts for a fold's test touches.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Uncertainty {
-    /// s of [`Calibration::half_width`]: touches × frames × n_joints, N·m.
+    /// The spread s of [`Calibration::half_width`]: touches × frames × n_joints, N·m.
     pub spread: Vec<Vec<Vec<f64>>>,
-    /// Found on the fold's training touches, or `others` if they are too few.
+    /// Calibrated on the fold's training touches; with too few of them, `others`.
     pub calibration: Calibration,
-    /// As other objects have them.
+    /// The bands of [`Calibration::of_other_objects`].
     pub others: Option<Calibration>,
 }
 
-/// A band along a touch, and how often it held the measured torque.
+/// The band along a touch, and how many measured torques are inside.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Band {
-    /// The share of torques that it is to hold.
+    /// The share of torques that should be inside.
     pub level: f64,
     /// Half-widths, frames × n_joints, N·m.
     pub half_width: Vec<Vec<f64>>,
-    /// By class: frames and joints, those of them inside, and the sum of half-widths, N·m.
+    /// Counts by class of frames, in the order of [`CLASSES`].
     pub classes: [Class; 3],
-    /// Of all levels that there are bands for: the level, and the share of torques that they held.
+    /// For each calibrated level: the level, and the share of torques inside of its band.
     pub by_level: Vec<[f64; 2]>,
-    /// Of the joints' largest torques, how many were inside of the band for those.
+    /// Number of joints whose largest torque is inside of the band for largest torques.
     pub peaks_inside: u32,
-    /// |measured − predicted|, a frame and joint each, N·m.
+    /// |measured − predicted| of each joint in each frame, N·m.
     #[serde(skip)]
     pub errors_n_m: Vec<f64>,
 }
 
-/// Torques of one class of frames, a frame and joint each.
+/// Coverage of one class of frames. A *torque* here is that of one joint in one frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Class {
-    /// How many there are.
+    /// Number of torques.
     pub torques: u32,
-    /// How many of them the band held.
+    /// Number of torques inside of the band.
     pub inside: u32,
     /// Sum of the half-widths, N·m.
     pub half_width_n_m: f64,
 }
 
-/// The classes, in their order.
+/// Names of the classes of frames, by how many of the touched cells are known.
 pub const CLASSES: [&str; 3] = ["no contact", "mostly known cells", "mostly unseen cells"];
 
-/// How often the bands of a method contained the measured torque. All touches count alike, but in `classes`, where all
-/// torques do.
+/// Coverage of the bands of a method. All touches have the same weight; in `classes`, all torques have.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Coverage {
-    /// The share that bands are to contain.
+    /// The share of torques that should be inside.
     pub level: f64,
-    /// Share of the torques, of a joint in a frame each, that were inside.
+    /// The share of torques that are inside.
     pub torque_share: f64,
-    /// The same at other levels: the level, and the share inside.
+    /// For each calibrated level: the level, and the share of torques inside.
     pub by_level: Vec<[f64; 2]>,
-    /// Share of the joints' largest torques in a touch that were inside of the bands for those.
+    /// Share of the largest torques (one for each joint and touch) inside of the bands for largest torques.
     pub peak_share: f64,
     /// Mean half-width, N·m.
     pub half_width_n_m: f64,
-    /// Half-width of a band that is the same everywhere and holds as many, N·m.
+    /// Half-width of a constant band that contains the same share of torques, N·m.
     pub constant_half_width_n_m: f64,
-    /// Share inside and mean half-width, N·m, by class ([`CLASSES`]); `None` without frames of it.
+    /// Share inside and mean half-width, N·m, by class ([`CLASSES`]); `None` for a class without frames.
     pub classes: [Option<[f64; 2]>; 3],
 }
 
 impl Band {
-    /// Of a touch, at a level; `None` without a frame, or a band of that level.
+    /// The band of a touch at a level; `None` if the touch has no frame or the calibration no such level.
     ///
     /// # Panics
     ///
-    /// If the calibration is of another number of joints ([`Calibration::check`]).
+    /// If the calibration is for another number of joints ([`Calibration::check`]).
     pub fn of((calibration, level): (&Calibration, f64), touch: &[PredictedFrame]) -> Option<Self> {
         let q = calibration.at(level).filter(|_| !touch.is_empty())?;
         let scales = scales(calibration, touch);
@@ -119,7 +118,7 @@ impl Band {
 }
 
 impl Coverage {
-    /// Of touches; `None` without any.
+    /// The coverage over touches; `None` without touches.
     pub fn of(touches: &[&Band]) -> Option<Self> {
         let count = touches.len() as f64;
         let mean =
@@ -146,7 +145,7 @@ impl Coverage {
             let width: f64 = own().map(|class| class.half_width_n_m).sum();
             (torques > 0.0).then_some([inside / torques, width / torques])
         };
-        // Levels that all touches have.
+        // Only levels that all touches have.
         let fewest = touches.iter().map(|band| band.by_level.len()).min()?;
         let by_level = (0..fewest)
             .map(|k| [touches[0].by_level[k][0], mean(&|band: &Band| band.by_level[k][1])])

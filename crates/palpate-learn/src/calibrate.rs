@@ -1,10 +1,11 @@
-//! Prediction bands ([`palpate::Calibration`]), calibrated on touches that were held out, or else those of other objects.
+//! Calibration of prediction bands ([`palpate::Calibration`]) on held-out touches, or, with too few of them, bands of
+//! other objects.
 //!
-//! Each training touch is predicted after learning the others, under the same settings but for fewer replays. The half-width
-//! is the root of a sum that is linear in the predicted torque and its spread. The coefficients are those of least absolute
-//! error for the 0.9 quantile (quantile regression, Koenker and Bassett 1978). The factors of the levels are quantiles of the
-//! held-out errors over these roots, each touch counting alike (conformal prediction with frames grouped by touch, Dunn,
-//! Wasserman and Ramdas 2022); those of largest torques are plain quantiles.
+//! Each training touch is predicted after learning the others, with the same settings except for fewer replays. The
+//! half-width is the root of a sum that is linear in the predicted torque and its spread. Its coefficients minimise the
+//! check loss of the 0.9 quantile (quantile regression, Koenker and Bassett 1978). The factors of the levels are
+//! quantiles of the held-out errors divided by these roots, with the same weight for each touch (conformal prediction
+//! with frames grouped by touch, Dunn, Wasserman and Ramdas 2022); those of largest torques are plain quantiles.
 
 use nalgebra::DVector;
 use palpate::unstable::{Cell, Estimator, spring_variance};
@@ -16,46 +17,47 @@ use crate::folds::among;
 use crate::method::learn;
 use crate::tracked::{Tracked, TrackedFrame};
 
-/// Touches without which nothing is held out.
+/// Fewest touches for a calibration.
 const FEWEST: usize = 3;
-/// The level of tables. Bands that lack it are those of other objects.
+/// The level of tables. If there are too few touches for it, the bands of other objects are used.
 pub(crate) const LEVEL: f64 = 0.9;
-/// Touches that are held out at most, one after the other; with more, in groups.
+/// Most folds; with more touches, groups of them are held out.
 const MOST_FOLDS: usize = 16;
-/// Levels that are kept, as far as there are touches for them.
+/// Levels of the calibration, as far as there are enough touches for them.
 const LEVELS: [f64; 9] = [0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 0.99];
-/// The level that the shape is best for.
+/// The level for which the coefficients of the half-width are fitted.
 const SHAPE: f64 = 0.9;
-/// Replays after each frame.
+/// Most replays after each frame.
 const REPLAYS: u32 = 3;
-/// The error on learnt frames is taken from one in so many of them.
+/// The error on learnt frames is taken from every N-th of them.
 const LEARNT_EVERY: usize = 10;
-/// Frames of a touch that are predicted, about.
+/// Most frames of a touch that are predicted.
 const FRAMES: usize = 400;
-/// Exponent g of the bands: of 1, 0.8, ⅔ and ½ that with the narrowest ones on five simulated objects.
+/// Exponent g of the bands: of 1, 0.8, ⅔ and ½ the one with the narrowest bands on five simulated objects.
 const EXPONENT: f64 = 0.5;
-/// ρ of the bands: of 0, 1, 2, 3, 5, 10 and 30 that with the narrowest ones on four simulated objects. From 5 on it makes no
-/// difference.
+/// ρ of the bands: of 0, 1, 2, 3, 5, 10 and 30 the one with the narrowest bands on four simulated objects. Values from
+/// 5 on are equally good.
 const RELATIVE_STD: f64 = 10.0;
 /// Steps of the quantile regression, and sweeps over the coefficients in each.
 const STEPS: usize = 40;
 const SWEEPS: usize = 30;
 
-/// The torques of a frame that was not learnt from, n_joints each, N·m.
+/// Predicted and measured torques of a frame, n_joints each, N·m.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PredictedFrame {
-    /// τ̂.
+    /// Predicted torque τ̂.
     pub torque: Vec<f64>,
-    /// s of [`Calibration::half_width`].
+    /// Spread s of [`Calibration::half_width`].
     pub spread: Vec<f64>,
-    /// τ_ext.
+    /// Measured external torque τ_ext.
     pub measured: Vec<f64>,
-    /// Points that the arm displaces, and those of them that are known.
+    /// Number of contacts, and of contacts whose cells are known.
     pub contacts: [usize; 2],
 }
 
 impl PredictedFrame {
-    /// What cells, by row, with their [variances](Calibration::spring_variance) and whether they are known, say of a frame.
+    /// Predicts a frame. `cells` are by row; `of_row` gives the [variance](Calibration::spring_variance) of a row and
+    /// whether it is known.
     pub(crate) fn of(
         frame: &TrackedFrame,
         cells: &[Cell],
@@ -72,7 +74,7 @@ impl PredictedFrame {
         }
     }
 
-    /// [`Calibration::scale`] of it, n_joints, N·m.
+    /// [`Calibration::scale`] of this frame, n_joints, N·m.
     pub(crate) fn scale(&self, calibration: &Calibration) -> DVector<f64> {
         calibration.scale(&self.torque, &self.spread, self.contacts)
     }
@@ -83,10 +85,11 @@ impl PredictedFrame {
     }
 }
 
-/// The calibration of some training touches; `None` with fewer than three. With fewer than nine, bands are those of other
-/// objects, and only the misfits are of these touches.
+/// The calibration on training touches; `None` with fewer than three. With fewer than nine, the bands are those of
+/// other objects, and only the misfits come from these touches.
 ///
-/// All frames are learnt from, for they say how sure the estimator is; but with few replays, which take most of the time.
+/// Learns from all frames, since the standard deviations depend on their number, but with few replays, since these take
+/// most of the time.
 ///
 /// # Errors
 ///
@@ -126,7 +129,8 @@ pub fn calibrate(
     Ok(own)
 }
 
-/// Bands as other objects have them, for what was learnt from some touches; `None` if these touch nothing.
+/// [`Calibration::of_other_objects`] for an estimator that has learnt the touches `train`; `None` if these touch
+/// nothing.
 pub(crate) fn of_other_objects(
     tracked: &Tracked,
     train: &[usize],
@@ -145,10 +149,10 @@ pub(crate) fn of_other_objects(
     Calibration::of_other_objects(&learnt, touches, predicted.untouched_std_n_per_m)
 }
 
-/// What an estimator predicts, and how sure it is.
+/// Stiffness and variance of all cells under an estimator, for predictions of frames.
 pub(crate) struct Predicted {
     cells: Vec<Cell>,
-    /// Variance of each row in the spread, (N/m)², and whether it was touched.
+    /// By row, the spring variance for the spread, (N/m)², and whether the cell was touched.
     of_rows: Vec<(f64, bool)>,
     untouched_std_n_per_m: f64,
 }
@@ -170,7 +174,7 @@ impl Predicted {
         PredictedFrame::of(frame, &self.cells, |row| self.of_rows[row])
     }
 
-    /// Some of the frames of a touch.
+    /// Predicts at most [`FRAMES`] frames of a touch, evenly chosen.
     fn touch(&self, tracked: &Tracked, touch: usize) -> Vec<PredictedFrame> {
         let frames = &tracked.touches[touch].frames;
         let every = frames.len().div_ceil(FRAMES).max(1);
@@ -209,16 +213,16 @@ fn of_held_out(
     calibration.check(n_joints).is_ok().then_some(calibration)
 }
 
-/// A row of the quantile regression.
+/// A row of the quantile regression: one joint in one frame.
 struct Row {
     joint: usize,
     /// |τ̂|, N·m.
     torque: f64,
-    /// s, N·m.
+    /// Spread s, N·m.
     spread: f64,
-    /// N·m.
+    /// |τ_ext − τ̂|, N·m.
     error: f64,
-    /// Touches count alike.
+    /// Sums to the same total for each touch.
     weight: f64,
 }
 
@@ -236,14 +240,14 @@ fn rows(touches: &[&[PredictedFrame]]) -> Vec<Row> {
     rows
 }
 
-/// Coefficients of the half-width, none below zero, that minimise the check loss at [`SHAPE`], by majorisation (Hunter and
-/// Lange 2000): a weighted least squares in each step.
+/// Fits the coefficients of the half-width, none below zero, which minimise the check loss at [`SHAPE`]. Uses
+/// majorisation (Hunter and Lange 2000), a weighted least squares in each step.
 fn fit_shape(touches: &[&[PredictedFrame]], calibration: &mut Calibration) {
     let rows = rows(touches);
     let n = calibration.floor_n_m.len();
     let total: f64 = rows.iter().map(|row| row.weight).sum();
     let mean = rows.iter().map(|row| row.error * row.weight).sum::<f64>() / total;
-    // In parts of their largest value, so that all coefficients are of one size.
+    // Regressors are divided by their largest value, so that all coefficients are of similar size.
     let largest = |of: fn(&Row) -> f64| rows.iter().map(of).fold(1e-9, f64::max);
     let scales = [largest(|row| row.torque), largest(|row| row.spread)];
     let mut found = vec![mean; n + 2];
@@ -271,7 +275,7 @@ fn fit_shape(touches: &[&[PredictedFrame]], calibration: &mut Calibration) {
             }
         }
     }
-    // No joint is known without any error.
+    // The constant term stays above zero for every joint.
     calibration.floor_n_m =
         found[..n].iter().map(|floor| floor.max(1e-3 * mean).max(1e-9)).collect();
     (calibration.by_torque, calibration.by_std) = (found[n] / scales[0], found[n + 1] / scales[1]);
@@ -293,8 +297,8 @@ fn quantiles(
         }
         peak.extend(peak_errors(touch, &scales).into_iter().map(|error| (error, 1.0)));
     }
-    // A quantile of few touches is not known well, so a little more is asked for; not of peaks: at 90 %,
-    // the bands then contained 95 % of those of nine simulated objects, and 91 % without.
+    // A quantile of few touches is uncertain, so that of a slightly higher level is taken; not for peaks: with it,
+    // bands of 90 % contained 95 % of the peaks of nine simulated objects, and 91 % without.
     let count = touches.len() as f64;
     let of = |level: &f64| BandQuantiles {
         level: *level,
@@ -309,7 +313,7 @@ pub(crate) fn scales(calibration: &Calibration, touch: &[PredictedFrame]) -> Vec
     touch.iter().map(|frame| frame.scale(calibration)).collect()
 }
 
-/// The misfit of touches ([`Calibration::misfits`]), from the frames in which something is touched; `None` without any.
+/// The misfit of a touch ([`Calibration::misfits`]), from its frames in contact; `None` without any.
 pub(crate) fn misfit(calibration: &Calibration, touch: &[PredictedFrame]) -> Option<[f64; 2]> {
     let (mut scaled, mut count) = (0.0, 0.0);
     let (mut errors, mut measured) = (0.0, 0.0);
@@ -341,7 +345,8 @@ pub(crate) fn peak_errors(touch: &[PredictedFrame], scales: &[DVector<f64>]) -> 
     (0..scales.first().map_or(0, DVector::len)).map(of_joint).collect()
 }
 
-/// The value that this share of the weight does not pass.
+/// Weighted quantile of `(value, weight)`: the smallest value up to which the weights sum to `level` of their total; 0
+/// without values. Sorts the values.
 pub(crate) fn quantile(values: &mut [(f64, f64)], level: f64) -> f64 {
     values.sort_by(|a, b| a.0.total_cmp(&b.0));
     let total: f64 = values.iter().map(|(_, weight)| weight).sum();
@@ -410,7 +415,7 @@ mod tests {
                 }
             }
             let covered: f64 = inside / all;
-            // A little more than asked for, since twenty touches are few.
+            // Slightly above the level, since twenty touches are few.
             let wanted = level + (1.0 - level) / 20.0;
             assert!((covered - wanted).abs() < 0.02, "{covered} of {level}");
         }

@@ -1,10 +1,10 @@
-//! What ends the learning of touches early.
+//! Errors of tracking and learning, and the check for cancellation.
 
 use palpate::{EstimatorError, MapperError, SettingError};
 
 use crate::regression::RegressionError;
 
-/// Asked every now and then, from any thread, whether to stop.
+/// Returns whether to stop; called regularly, from any thread.
 pub type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
 
 /// What can go wrong in tracking touches and learning from them.
@@ -15,7 +15,7 @@ pub enum LearnError {
     /// A sample that cannot be used.
     #[error("touch {touch}, sample {sample}: {source}")]
     Sample { touch: usize, sample: usize, source: MapperError },
-    /// A truth that does not fit its touch.
+    /// True torques whose shape does not fit their touch.
     #[error("the truth of touch `{touch}` has {got}, the touch has {expected}")]
     Truth { touch: String, got: String, expected: String },
     /// Settings out of their range.
@@ -25,27 +25,27 @@ pub enum LearnError {
     Estimator(#[from] EstimatorError),
     #[error(transparent)]
     Regression(#[from] RegressionError),
-    /// A motion that cannot be.
+    /// No excitation can be found, or its start is not allowed.
     #[error("{0}")]
     Excite(String),
-    /// A task of which nothing can be learnt.
+    /// No motion touches uncertain cells of the task.
     #[error(
         "no motion touches anything of the task whose stiffness is uncertain, so none can be ranked; check the task, and \
          that its motions belong to this robot and field"
     )]
     NoTask,
-    /// A field that says not how well it fits touches.
+    /// A field without calibrated bands.
     #[error(
         "no touches were held out when this field was learned, so nothing says how well touches should fit; map its logs \
          again with at least three touches, with tuning, and without a prior or an elastic body"
     )]
     NoBands,
-    /// Asked to stop.
+    /// Stopped by the caller.
     #[error("stopped")]
     Stopped,
 }
 
-/// Refuses to go on once asked to stop.
+/// Returns [`LearnError::Stopped`] if `stop` says so.
 pub(crate) fn unless_stopped(stop: Stop<'_>) -> Result<(), LearnError> {
     if stop() { Err(LearnError::Stopped) } else { Ok(()) }
 }

@@ -1,7 +1,7 @@
 //! The four figures of the paper's Table I.
 //!
 //! The error of a frame is ‖τ̂ − τ‖₂ over the joints, in N·m; the relative error is that over
-//! ‖τ‖₂, taken only where ‖τ‖₂ ≥ 1 N·m so that noise is not divided by nothing.
+//! ‖τ‖₂, taken only where ‖τ‖₂ ≥ 1 N·m, so that noise is not divided by almost zero.
 
 use serde::{Deserialize, Serialize};
 
@@ -22,7 +22,7 @@ pub struct Errors {
 }
 
 impl Errors {
-    /// Of mean and maximum of the errors and of the relative ones.
+    /// From (mean, maximum) of the errors and of the relative errors.
     fn of(errors: Option<(f64, f64)>, relative: Option<(f64, f64)>) -> Option<Self> {
         let (avg_error, max_error) = errors?;
         let (avg_relative, max_relative) = relative.unzip();
@@ -30,18 +30,18 @@ impl Errors {
     }
 }
 
-/// Errors of frames, added up one by one, and those of predicting zero on the same frames.
+/// Running sums of the errors of frames, and of the errors of predicting zero on the same frames.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct ErrorSum {
     /// ‖τ̂ − τ‖₂.
     error: Running,
     /// ‖τ‖₂, which is the error of predicting zero.
     size: Running,
-    /// Their ratio, of the frames that have one.
+    /// `error / size` of the frames with a size of at least [`RELATIVE_FROM`].
     relative: Running,
 }
 
-/// Count, sum and maximum of some numbers, none of them negative.
+/// Count, sum and maximum of non-negative numbers.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Running {
     count: u64,
@@ -60,14 +60,14 @@ impl Running {
         self.max = self.max.max(other.max);
     }
 
-    /// Mean and maximum; `None` without a number.
+    /// Mean and maximum; `None` if nothing was added.
     fn figures(&self) -> Option<(f64, f64)> {
         (self.count > 0).then(|| (self.sum / self.count as f64, self.max))
     }
 }
 
 impl ErrorSum {
-    /// Of predicted and true external torques, frame by frame, each n_joints, N·m.
+    /// Sums over frames, from predicted and true external torques, each n_joints, N·m.
     pub fn of<P: AsRef<[f64]>, T: AsRef<[f64]>>(
         predicted: impl IntoIterator<Item = P>,
         truth: impl IntoIterator<Item = T>,
@@ -97,22 +97,22 @@ impl ErrorSum {
         self.relative.merge(&other.relative);
     }
 
-    /// Frames added.
+    /// Number of frames added.
     pub fn frames(&self) -> u64 {
         self.error.count
     }
 
-    /// Frames that count for the relative errors.
+    /// Number of frames that have a relative error ([`RELATIVE_FROM`]).
     pub fn relative_frames(&self) -> u64 {
         self.relative.count
     }
 
-    /// The four figures; `None` without a frame.
+    /// The four error figures; `None` without a frame.
     pub fn errors(&self) -> Option<Errors> {
         Errors::of(self.error.figures(), self.relative.figures())
     }
 
-    /// The four figures of predicting zero; `None` without a frame.
+    /// The four error figures of predicting zero torque; `None` without a frame.
     pub fn zero(&self) -> Option<Errors> {
         Errors::of(self.size.figures(), self.relative.figures().map(|_| (1.0, 1.0)))
     }

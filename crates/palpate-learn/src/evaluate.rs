@@ -1,8 +1,8 @@
-//! The paper's experiment (Sec. III-A): every touch is predicted by methods that learnt from others.
+//! The paper's experiment (Sec. III-A): every touch is predicted by methods that learnt from other touches.
 //!
-//! The work divides into *parts*, one method on one fold. Parts are independent of each other, run
-//! in parallel, and may be kept and handed back, so that an evaluation that was broken off goes on.
-//! The figures are the same whatever the number of threads.
+//! The work is divided into *parts*: one method on one fold. Parts are independent, run in parallel,
+//! and can be saved and passed in again, so that an interrupted evaluation can be continued. The
+//! result does not depend on the number of threads.
 
 use palpate::{Calibration, MapperConfig};
 use rayon::prelude::*;
@@ -16,17 +16,17 @@ use crate::folds::Fold;
 use crate::method::{Method, Torques, learn};
 use crate::tracked::{Tracked, TrackedFrame, TrackedTouch};
 
-/// No torque that a part predicts is larger, N·m.
+/// Largest torque that a part may contain, N·m.
 const LARGEST_N_M: f64 = 1e12;
 
-/// What is evaluated.
+/// Methods, folds and settings of an evaluation.
 #[derive(Debug, Clone)]
 pub struct Plan {
     /// The methods, in the order of the table.
     pub methods: Vec<Method>,
-    /// Which touches are predicted from which.
+    /// The folds.
     pub folds: Vec<Fold>,
-    /// Numbers of the folds that are done here, in rising order.
+    /// Indices of the folds that this plan evaluates, in rising order.
     pub todo: Vec<usize>,
     /// Settings of everything but `map` and `ekf`.
     pub config: MapperConfig,
@@ -44,12 +44,12 @@ pub struct Part {
     pub fold: usize,
     /// Predicted torques of the fold's test touches.
     pub torques: Torques,
-    /// How sure they are, of an estimator that learnt enough touches to determine it.
+    /// Uncertainty of the torques, for an estimator that has learnt enough touches to determine it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<Uncertainty>,
 }
 
-/// What went wrong, and where.
+/// An error in one part.
 #[derive(Debug, thiserror::Error)]
 #[error("{method} on fold {fold}: {source}", method = method.name())]
 pub struct PartError {
@@ -57,12 +57,12 @@ pub struct PartError {
     pub method: Method,
     /// The fold's number.
     pub fold: usize,
-    /// What went wrong.
+    /// The cause.
     pub source: LearnError,
 }
 
 impl Plan {
-    /// All parts that there are to do, those that take longest first.
+    /// All parts of the plan, those that take longest first.
     pub fn parts(&self) -> Vec<(Method, usize)> {
         let cost = |method: &Method| match method {
             Method::Elastic | Method::Ekf => 0,
@@ -82,13 +82,13 @@ impl Plan {
         match method {
             Method::Map => &self.estimators[fold][0],
             Method::Ekf => &self.estimators[fold][1],
-            // What a field beside a body must explain is not what settings were chosen on.
+            // Tuned settings do not suit `elastic`, whose field explains only the residual of a body.
             _ => &self.config,
         }
     }
 
-    /// Whether a part, perhaps read from a file, can be one of this plan: it has a finite torque for every joint
-    /// and frame of the touches that its fold tests.
+    /// Whether a part, perhaps read from a file, fits this plan: method and fold are in it, and there is a finite
+    /// torque for every joint and frame of the fold's test touches.
     pub fn has(&self, part: &Part, tracked: &Tracked) -> bool {
         let is_torque = |torque: &Vec<f64>| {
             torque.len() == tracked.n_joints && torque.iter().all(|tau| tau.abs() <= LARGEST_N_M)
@@ -110,12 +110,12 @@ impl Plan {
         })
     }
 
-    /// Does some parts that share the contact model of `tracked`, as many at a time as there are
-    /// threads; `done` gets each when it is done, from any thread.
+    /// Computes parts that share the contact model of `tracked`, in parallel. `done` gets each
+    /// finished part, from any thread.
     ///
     /// # Errors
     ///
-    /// That of the first part that failed; what was done before it was handed to `done`.
+    /// The error of a part that failed; parts finished before were passed to `done`.
     pub fn run(
         &self,
         tracked: &Tracked,
@@ -123,7 +123,7 @@ impl Plan {
         stop: Stop<'_>,
         done: &(dyn Fn(Part) + Sync),
     ) -> Result<(), PartError> {
-        // One at a time to whoever is free: parts differ too much in length to be shared out before.
+        // Threads take one part at a time: durations of parts differ too much for larger chunks.
         parts.par_iter().with_max_len(1).try_for_each(|&(method, fold)| {
             let config = self.config_of((method, fold));
             let own = (&self.folds[fold], config);
@@ -137,7 +137,7 @@ impl Plan {
         })
     }
 
-    /// What all parts say together.
+    /// Combines all parts into the evaluation.
     ///
     /// # Panics
     ///
@@ -188,8 +188,8 @@ impl Plan {
     }
 }
 
-/// What an estimator predicts of a fold's test touches, and how sure it is, calibrated on the training touches and as other
-/// objects are.
+/// Torques that an estimator predicts for a fold's test touches, and their uncertainty: calibrated on the training
+/// touches, and that of other objects.
 fn with_uncertainty(
     tracked: &Tracked,
     (fold, config): (&Fold, &MapperConfig),
@@ -212,7 +212,7 @@ fn with_uncertainty(
     Ok((torques, uncertainty))
 }
 
-/// The band at a level around what was predicted of a test touch, with this spread.
+/// The band around the prediction of a test touch, with this spread.
 fn band(
     calibration: (&Calibration, f64),
     (frames, spread): (&[TrackedFrame], &[Vec<f64>]),
@@ -231,7 +231,7 @@ fn band(
 }
 
 impl LeftOut {
-    /// A touch that no one has predicted yet.
+    /// A held-out touch without predictions; `met` is, by row, whether a training touch has displaced the cell.
     fn of(touch: &TrackedTouch, fold: usize, met: &[bool]) -> Self {
         let frames = &touch.frames;
         let start_s = frames.first().and_then(|frame| frame.time_s);

@@ -1,4 +1,4 @@
-//! What an evaluation found, in numbers: Table I, and everything that its figures are drawn from.
+//! Result of an evaluation: the numbers of Table I, and all data of its figures.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,28 +6,28 @@ use crate::bands::{Band, Coverage};
 use crate::errors::{ErrorSum, Errors};
 use crate::method::Method;
 
-/// An evaluation of several methods on touches that none of them learnt from.
+/// An evaluation of several methods on held-out touches.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evaluation {
     /// Joints in the order of all torques.
     pub joint_names: Vec<String>,
-    /// What was compared with: `"truth"`, or `"measured"` external torques.
+    /// The torques that predictions are compared with: `"truth"` or `"measured"`.
     pub against: String,
-    /// The table, a row a method.
+    /// The table, with a row for each method.
     pub methods: Vec<Summary>,
-    /// The touches, each predicted while it was left out.
+    /// The touches, each predicted while it was held out.
     pub touches: Vec<LeftOut>,
 }
 
 /// Average relative error of the paper's field on a real arm (Table I).
 pub const PAPER_FIELD: f64 = 0.13;
-/// The same of its three baselines from joint angles, the best one first.
+/// Average relative errors of the paper's three baselines from joint angles.
 pub const PAPER_BASELINES: [f64; 3] = [0.76, 1.48, 1.20];
 
 /// One method's row of Table I: figures of each touch, averaged over touches.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
-    /// `map`, `ekf`, `mlp`, `gp`, `knn`, `zero` or `uniform`.
+    /// Name of the method ([`Method::name`]).
     pub name: String,
     /// Mean error, N·m.
     pub avg_error: Option<MeanStd>,
@@ -37,9 +37,9 @@ pub struct Summary {
     pub avg_relative: Option<MeanStd>,
     /// Largest relative error, over the same touches.
     pub max_relative: Option<MeanStd>,
-    /// How often the bands of `map` held the measured torque, if there were touches enough.
+    /// Coverage of the bands of `map`, if there were enough touches.
     pub coverage: Option<Coverage>,
-    /// The same of bands as other objects have them.
+    /// Coverage of the bands of other objects ([`palpate::Calibration::of_other_objects`]).
     pub coverage_of_other_objects: Option<Coverage>,
 }
 
@@ -52,25 +52,24 @@ pub struct MeanStd {
     pub std: f64,
 }
 
-/// A touch that was predicted but not learnt from.
+/// A held-out touch with all predictions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LeftOut {
     /// The touch's name.
     pub name: String,
-    /// Its fold.
+    /// Index of its fold.
     pub fold: usize,
-    /// Frames from the tare on: seconds since the first, by the log's clock if it has one and by
-    /// frame number otherwise.
+    /// Times of the frames after the tare, s since the first; frame numbers if the log has no times.
     pub time_s: Vec<f64>,
-    /// Points that the arm displaces in each frame.
+    /// Number of contacts in each frame.
     pub contacts: Vec<u32>,
-    /// Of these, points that the touches learnt from have met.
+    /// Number of contacts in each frame whose cells were touched by a training touch.
     pub known: Vec<u32>,
     /// Joint positions, frames × n_joints, rad.
     pub q: Vec<Vec<f64>>,
     /// The external torque to predict, frames × n_joints, N·m.
     pub external: Vec<Vec<f64>>,
-    /// What the methods predicted, in the order of the table.
+    /// Predictions of the methods, in the order of the table.
     pub predictions: Vec<Prediction>,
 }
 
@@ -79,20 +78,20 @@ pub struct LeftOut {
 pub struct Prediction {
     /// The method's name.
     pub method: String,
-    /// The four figures of the touch; `None` if it has no frame to score.
+    /// The four error figures of the touch; `None` without a frame.
     pub errors: Option<Errors>,
     /// Predicted external torque, frames × n_joints, N·m.
     pub predicted: Vec<Vec<f64>>,
-    /// The band around it, of an estimator that was calibrated.
+    /// The band around the prediction, for a calibrated estimator.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub band: Option<Band>,
-    /// The band as other objects have it.
+    /// The band from other objects ([`palpate::Calibration::of_other_objects`]).
     #[serde(skip)]
     pub band_of_other_objects: Option<Band>,
 }
 
 impl MeanStd {
-    /// Of some values; `None` without any.
+    /// Mean and deviation of values; `None` without values.
     pub fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
         let values: Vec<f64> = values.into_iter().collect();
         let n = values.len() as f64;
@@ -104,7 +103,7 @@ impl MeanStd {
 }
 
 impl Prediction {
-    /// A prediction and its errors against what was to be predicted.
+    /// A prediction, with its errors against `external`.
     pub fn new(method: &str, predicted: Vec<Vec<f64>>, external: &[Vec<f64>]) -> Self {
         let errors = ErrorSum::of(&predicted, external).errors();
         let method = method.to_owned();
@@ -118,15 +117,15 @@ impl LeftOut {
         self.predictions.iter().find(|prediction| prediction.method == method)?.errors
     }
 
-    /// Errors of predicting zero on this touch, whether or not that is in the table.
+    /// Errors of predicting zero on this touch, also if `zero` is not in the table.
     pub fn zero(&self) -> Option<Errors> {
         ErrorSum::of(&self.external, &self.external).zero()
     }
 
-    /// Why a method does badly on this touch, as far as the torques show it: how many of the contacts
-    /// were known, and size and direction of what was predicted beside what was to be.
+    /// A sentence on why a method may predict this touch badly: the share of known contacts, and size
+    /// and direction of the predicted torque relative to the true or measured one.
     ///
-    /// Sums are over all frames, so that those with much torque count most.
+    /// Sums are over all frames, so frames with large torques count most.
     pub fn what_went_wrong(&self, method: &str) -> Option<String> {
         let prediction = self.predictions.iter().find(|prediction| prediction.method == method)?;
         let (mut both, mut predicted_sq, mut external_sq) = (0.0, 0.0, 0.0);
@@ -154,13 +153,13 @@ impl LeftOut {
 }
 
 impl Evaluation {
-    /// Mean over touches of a method's average relative error, if it is in the table and has one.
+    /// Mean over touches of a method's average relative error; `None` if the method has none or is not in the table.
     pub fn relative(&self, method: &str) -> Option<f64> {
         let summary = self.methods.iter().find(|summary| summary.name == method)?;
         Some(summary.avg_relative?.mean)
     }
 
-    /// The best of what learns from joint angles alone, and its average relative error.
+    /// The best baseline that learns from joint angles alone, and its average relative error.
     pub fn best_learnt(&self) -> Option<(&'static str, f64)> {
         let learnt = Method::ALL.iter().filter(|method| method.is_learnt_baseline());
         learnt
@@ -170,7 +169,7 @@ impl Evaluation {
 }
 
 impl Summary {
-    /// The row of the method that stands at `index` in every touch's predictions.
+    /// The row of the method at `index` in the predictions of every touch.
     pub fn new(name: &str, index: usize, touches: &[LeftOut]) -> Self {
         let own = || touches.iter().map(|touch| &touch.predictions[index]);
         let errors: Vec<Errors> = own().filter_map(|own| own.errors).collect();
@@ -180,7 +179,7 @@ impl Summary {
         Self::of(name, &errors, [&bands, &of_other_objects])
     }
 
-    /// The row of a method by its errors on touches, and by its bands there: its own, and as other objects have them.
+    /// The row of a method, from its errors on touches and its bands: its own, and those of other objects.
     pub fn of(name: &str, errors: &[Errors], [bands, of_other_objects]: [&[&Band]; 2]) -> Self {
         let errors = || errors.iter();
         Self {

@@ -1,13 +1,13 @@
 //! A motion that determines an arm's masses and friction: a Fourier series for each joint, which begins and ends at
-//! rest, inside the joints' limits, clear of the ground and of itself, whose coefficients make the regression of
-//! [`crate::identify`] well conditioned (Swevers et al. 1997).
+//! rest and keeps to the joint limits, above the ground and free of self-collisions. Its coefficients make the
+//! regression of [`crate::identify`] well conditioned (Swevers et al. 1997).
 //!
 //! ```text
 //! q_j(t) = c_j + e(t) Σ_k [ a_jk sin(k ω t) + b_jk cos(k ω t) ]        e: from 0 to 1 and back, twice differentiable
 //! ```
 //!
-//! Coefficients are drawn from a seed, shrunk until every limit holds, and then changed one joint at a time as long as
-//! the condition number falls.
+//! Coefficients are drawn at random and scaled down until every limit holds. Then those of one joint at a time are
+//! drawn again, and kept if the condition number is smaller.
 
 use std::f64::consts::TAU;
 
@@ -20,28 +20,28 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::identify::inertial_scales;
 
-/// What a motion is to keep to.
+/// Settings and limits of an excitation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExciteConfig {
-    /// Joint positions where it begins and ends, rad or m; those in the middle of the ranges if not given.
+    /// Joint positions at start and end, rad or m; `None`: the middle of the joints' ranges.
     pub around: Option<Vec<f64>>,
-    /// How long it takes, s.
+    /// Duration of the motion, s.
     pub duration_s: f64,
-    /// Points a second.
+    /// Points per second of the result.
     pub rate_hz: f64,
-    /// Largest speeds and torques, in parts of the URDF's.
+    /// Largest speed of a joint, as a fraction of the URDF's limit.
     pub speed_share: f64,
-    /// See `speed_share`.
+    /// Largest torque of a joint, as a fraction of the URDF's limit.
     pub torque_share: f64,
-    /// Height above which all of the arm but its first link stays, m in the base frame; `None`: no ground.
+    /// Lowest height of the arm without its first moving link, m in the base frame; `None`: no ground.
     pub ground_m: Option<f64>,
     /// Least distance between links that are not neighbours, m.
     pub clearance_m: f64,
-    /// Largest way of a joint from where it begins, rad or m.
+    /// Largest travel of a joint from its start position, rad or m.
     pub reach: f64,
-    /// Seed of the draws, and how many motions are tried.
+    /// Seed of the random coefficients.
     pub seed: u64,
-    /// See `seed`.
+    /// Number of motions that are tried.
     pub tries: usize,
 }
 
@@ -62,53 +62,53 @@ impl Default for ExciteConfig {
     }
 }
 
-/// A motion.
+/// An exciting motion and its figures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Excitation {
-    /// Times, s.
+    /// Times of the points, s.
     pub times_s: Vec<f64>,
-    /// Positions, speeds and accelerations at them, n_joints each.
+    /// Positions, speeds and accelerations at these times, n_joints each.
     pub points: Vec<[Vec<f64>; 3]>,
     /// Condition number of the regression.
     pub condition: f64,
-    /// That of the first motion that kept to the limits.
+    /// Condition number of the first motion that kept to the limits.
     pub first_condition: f64,
-    /// Largest part of a speed limit that it takes; 0 where none is known.
+    /// Largest speed, as a fraction of the joint's limit; 0 if no limit is known.
     pub speed_share: f64,
-    /// Largest part of a torque limit that it takes; 0 where none is known.
+    /// Largest torque, as a fraction of the joint's limit; 0 if no limit is known.
     pub torque_share: f64,
-    /// Lowest point of the moving arm, m, if its links have surfaces.
+    /// Lowest point of the arm without its first moving link, m, if its links have surfaces.
     pub lowest_m: Option<f64>,
-    /// Least distance between links that are not neighbours, m; `None` if there were none to look at.
+    /// Least distance between links that are not neighbours, m; `None` without pairs to check.
     pub nearest_m: Option<f64>,
 }
 
-/// Harmonics of the series, and seconds of its longest period.
+/// Harmonics of the series, and its longest period, s.
 const HARMONICS: usize = 5;
 const PERIOD_S: f64 = 10.0;
-/// How long it takes to come to full size, and to rest again, s.
+/// Duration of the ramps at start and end, over which the amplitude goes from 0 to 1 and back, s.
 const RAMP_S: f64 = 2.0;
-/// Points a second at which limits are looked at while the motion is sought, and when it is found.
+/// Rates at which limits are checked: during the search, and for the result.
 const COARSE_HZ: f64 = 10.0;
 const FINE_HZ: f64 = 50.0;
-/// Points of a motion that moves everything.
+/// Number of random points from which the determinable combinations of masses are counted.
 const ANY_POINTS: usize = 60;
-/// Points of a link's surface that are looked at.
+/// Most points of a link's surface that are checked.
 const SURFACE: usize = 150;
-/// What is left free at each end of a joint's range, in parts of it.
+/// Margin at each end of a joint's range, as a fraction of the range.
 const RANGE_MARGIN: f64 = 0.05;
-/// Speed of a joint of which the URDF says none, rad/s.
+/// Speed limit of a joint whose URDF gives none, rad/s.
 const USUAL_SPEED: f64 = 1.0;
 
 /// Coefficients: by joint, harmonic, sine and cosine.
 type Series = Vec<[[f64; 2]; HARMONICS]>;
 
-/// Finds a motion.
+/// Finds a motion with a small condition number. `done` is called before each try, for a progress bar.
 ///
 /// # Errors
 ///
-/// If the start is out of the joints' ranges, already too near the ground or itself, or no motion around it keeps to
-/// the limits; or on being stopped.
+/// If the start is out of the joints' ranges or too near the ground, or no motion around it keeps to the limits; or on
+/// being stopped.
 pub fn excite(
     arm: &Arm,
     config: &ExciteConfig,
@@ -123,7 +123,7 @@ pub fn excite(
         unless_stopped(stop)?;
         done();
         let mut series = match &best {
-            // Drawn anew at first, then changed.
+            // The first quarter is drawn at random, the others change the best one.
             Some((_, series)) if attempt > config.tries / 4 => series.clone(),
             _ => vec![[[0.0; 2]; HARMONICS]; arm.robot.n_joints()],
         };
@@ -159,11 +159,11 @@ struct Search<'a> {
     around: Vec<f64>,
     /// Points of each link's surface.
     surfaces: Vec<Vec<Point3<f64>>>,
-    /// Pairs of links that may meet.
+    /// Pairs of links that may collide.
     pairs: Vec<(usize, usize)>,
     /// Scales of the inertial parameters, for the condition number.
     scales: Vec<f64>,
-    /// Combinations of them that motion can determine.
+    /// Number of combinations of inertial parameters that motion can determine.
     determined: usize,
 }
 
@@ -199,7 +199,7 @@ impl<'a> Search<'a> {
         let (pairs, determined) = (Vec::new(), 0);
         let mut search = Self { arm, config, around, surfaces, pairs, scales, determined };
         search.determined = search.determined_by_any_motion();
-        // Links that touch where it begins are neighbours: shells of one housing overlap.
+        // Links closer than the clearance at the start count as neighbours: shells of one housing overlap.
         let links = 0..robot.links().len();
         let pairs: Vec<(usize, usize)> = links
             .clone()
@@ -225,16 +225,16 @@ impl<'a> Search<'a> {
         Ok(search)
     }
 
-    /// Whether two joints or more lie between links: those next to each other never meet.
+    /// Whether at least two joints lie between two links. Neighbours are not checked for collisions.
     fn moves_apart(&self, a: usize, b: usize) -> bool {
-        // The joints that move one of them and not the other.
+        // Joints between the links move one of them and not the other.
         let moves =
             |joint: &&Joint, link: usize| self.arm.robot.carries(joint, LinkId(link as u16));
         let between = |joint: &&Joint| moves(joint, a) != moves(joint, b);
         self.arm.robot.joints().iter().filter(between).count() >= 2
     }
 
-    /// Least distance of the surface points of one link from another.
+    /// Least distance of the surface points of link `a` from the surface of link `b`, m.
     fn distance(&self, poses: &[nalgebra::Isometry3<f64>], (a, b): (usize, usize)) -> f64 {
         let Some(surface) = &self.arm.surfaces[b] else { return f64::INFINITY };
         let to_b = poses[b].inverse() * poses[a];
@@ -242,7 +242,7 @@ impl<'a> Search<'a> {
         each.fold(f64::INFINITY, f64::min)
     }
 
-    /// Lowest point of the arm, but for links that no joint moves and the first that one does.
+    /// Height of the lowest point of the arm, m, without fixed links and the first moving body.
     fn lowest(&self, poses: &[nalgebra::Isometry3<f64>]) -> f64 {
         let robot = &self.arm.robot;
         let links =
@@ -254,7 +254,7 @@ impl<'a> Search<'a> {
         heights.fold(f64::INFINITY, f64::min)
     }
 
-    /// How far a joint may go from the start, down and up.
+    /// Largest travel of a joint from its start position, in both directions.
     fn room(&self, j: usize) -> f64 {
         let joint = &self.arm.robot.joints()[j];
         let Some([low, high]) = joint.range else { return self.config.reach };
@@ -266,7 +266,7 @@ impl<'a> Search<'a> {
     fn draw(&self, j: usize, own: &mut [[f64; 2]; HARMONICS], rng: &mut ChaCha8Rng) {
         let mut uniform = || f64::from(rng.next_u32()) / f64::from(u32::MAX) * 2.0 - 1.0;
         for (k, harmonic) in own.iter_mut().enumerate() {
-            // Slow ones are large, fast ones small: speeds of the same size.
+            // Amplitudes fall with the frequency, so that all harmonics have similar speeds.
             *harmonic = [uniform(), uniform()].map(|part| part * self.room(j) / (k as f64 + 1.0));
         }
     }
@@ -292,15 +292,15 @@ impl<'a> Search<'a> {
         point
     }
 
-    /// Times over the motion, about so many a second, ends included.
+    /// Evenly spaced times over the motion, at about this rate, with both ends.
     fn times(&self, rate_hz: f64) -> impl Iterator<Item = f64> {
         let points = (self.config.duration_s * rate_hz).round() as usize + 1;
         let step = self.config.duration_s / (points - 1) as f64;
         (0..points).map(move |k| k as f64 * step)
     }
 
-    /// The series made smaller until it keeps to the limits: each joint to its range and speed, then all of them to
-    /// torques, ground and clearance. `None` if a tenth of it still does not.
+    /// The series scaled down until it keeps to the limits: each joint to its range and speed, then all joints together
+    /// to torques, ground and clearance. `None` if a tenth of it still violates a limit.
     fn shrunk(&self, mut series: Series, rate_hz: f64) -> Option<Series> {
         let motion: Vec<[Vec<f64>; 3]> =
             self.times(rate_hz).map(|time| self.at(&series, time)).collect();
@@ -342,8 +342,8 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Condition number of the regression of masses, over the combinations that motion can determine: if this one
-    /// hardly moves the arm, it is large.
+    /// Condition number of the regression of the inertial parameters, over the combinations that motion can determine.
+    /// It is large for a motion that hardly moves the arm.
     fn condition(&self, series: &Series) -> f64 {
         let points = self.times(COARSE_HZ).map(|time| self.at(series, time));
         let eigenvalues = self.eigenvalues(points);
@@ -351,7 +351,8 @@ impl<'a> Search<'a> {
         (eigenvalues[0] / least).sqrt()
     }
 
-    /// Combinations of masses that a motion without limits determines; no other motion determines more.
+    /// Number of combinations of inertial parameters that random motion without limits determines: the largest
+    /// possible.
     fn determined_by_any_motion(&self) -> usize {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let mut uniform = || f64::from(rng.next_u32()) / f64::from(u32::MAX) * 2.0 - 1.0;
@@ -367,7 +368,7 @@ impl<'a> Search<'a> {
         eigenvalues.iter().take_while(|value| **value > 1e-10 * eigenvalues[0]).count()
     }
 
-    /// Eigenvalues of the regression's Gram matrix over points of a motion, the largest first.
+    /// Eigenvalues of the regression's Gram matrix over points of a motion, in falling order.
     fn eigenvalues(&self, points: impl Iterator<Item = [Vec<f64>; 3]>) -> Vec<f64> {
         let robot = &self.arm.robot;
         let size = self.scales.len();
@@ -426,7 +427,7 @@ fn scale(own: &mut [[f64; 2]; HARMONICS], factor: f64) {
     own.iter_mut().flatten().for_each(|part| *part *= factor);
 }
 
-/// From 0 at the ends to 1 inside, over [`RAMP_S`], with its first and second derivative.
+/// Envelope e(t), from 0 at the ends to 1 after [`RAMP_S`], with its first and second derivative.
 fn envelope(time_s: f64, duration_s: f64) -> (f64, f64, f64) {
     let ramp = RAMP_S.min(0.5 * duration_s);
     let smooth = |t: f64| {

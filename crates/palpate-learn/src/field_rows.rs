@@ -1,4 +1,4 @@
-//! What a field says of the cells that tracked touches meet, by their rows.
+//! Estimates of a field for the cells of tracked touches, indexed by their rows.
 
 use palpate::unstable::{Cell, CellRows, spring_variance};
 use palpate::{CellEstimate, Field};
@@ -6,16 +6,16 @@ use palpate::{CellEstimate, Field};
 use crate::calibrate::PredictedFrame;
 use crate::tracked::{Tracked, TrackedFrame};
 
-/// The cells of tracked touches as a field has them.
+/// Estimates of a field for the cells of tracked touches, indexed by row of [`Tracked`].
 pub(crate) struct FieldRows {
     pub(crate) estimates: Vec<CellEstimate>,
     pub(crate) cells: Vec<Cell>,
-    /// ρ of the field's bands; 0 without bands for these joints.
+    /// ρ of the field's bands ([`palpate::Calibration`]); 0 without bands for these joints.
     relative_std: f64,
 }
 
 impl FieldRows {
-    /// `untouched_std_n_per_m` is the standard deviation of cells that the field does not know.
+    /// `untouched_std_n_per_m` is the standard deviation of cells that are not in the field.
     pub(crate) fn of(tracked: &Tracked, field: &Field, untouched_std_n_per_m: f64) -> Self {
         let rows = CellRows::of(field.lattice.clone(), &field.cells);
         let known = tracked.cells.iter().map(|cell| rows.find(*cell));
@@ -28,7 +28,7 @@ impl FieldRows {
         Self { estimates, cells, relative_std }
     }
 
-    /// What the field says of a frame.
+    /// Torque and spread that the field predicts for a frame.
     pub(crate) fn predicted(&self, frame: &TrackedFrame) -> PredictedFrame {
         let of_row = |row: usize| {
             let CellEstimate { stiffness_n_per_m, std_n_per_m, count, .. } = self.estimates[row];
@@ -37,7 +37,7 @@ impl FieldRows {
         PredictedFrame::of(frame, &self.cells, of_row)
     }
 
-    /// Share of the contacts of frames that the field knows; 0 without any.
+    /// Share of the contacts of frames whose cells were touched in the field; 0 without contacts.
     pub(crate) fn known<'f>(&self, frames: impl Iterator<Item = &'f TrackedFrame>) -> f64 {
         let rows = frames.flat_map(|frame| frame.observation.rows());
         let [all, known] = rows.fold([0.0; 2], |[all, known], row| {

@@ -1,6 +1,6 @@
-//! Which touches are learnt from, and which are predicted.
+//! Folds of cross-validation: which touches are learnt from, and which are predicted.
 
-/// One division of touches, by their numbers.
+/// One division of the touches, by index, into test and training touches.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fold {
     /// Predicted, and never learnt from.
@@ -10,7 +10,7 @@ pub struct Fold {
 }
 
 impl Fold {
-    /// Some touches are predicted, all others learnt from.
+    /// The fold that predicts the touches `test` and learns from all others of `touches`.
     pub fn testing(test: Vec<usize>, touches: usize) -> Self {
         let train = (0..touches).filter(|touch| !test.contains(touch)).collect();
         Self { test, train }
@@ -24,7 +24,7 @@ pub fn folds(touches: usize, folds: usize) -> Vec<Fold> {
     (0..folds.min(touches)).map(|fold| Fold::testing(group(fold), touches)).collect()
 }
 
-/// The same of some touches alone.
+/// [`folds`] of a subset of the touches, given by their indices.
 pub(crate) fn among(touches: &[usize], n: usize) -> Vec<Fold> {
     let named = |places: Vec<usize>| places.into_iter().map(|place| touches[place]).collect();
     let inner = |fold: Fold| Fold { test: named(fold.test), train: named(fold.train) };

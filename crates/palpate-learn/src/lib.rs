@@ -1,27 +1,27 @@
-//! How good a map is: errors of predicted torques on touches that it has not seen.
+//! Evaluation of stiffness fields: errors of predicted torques on held-out touches.
 //!
 //! | module              | what it does                                                    |
 //! |---------------------|-----------------------------------------------------------------|
-//! | [`mod@tracked`]     | touches with their contacts, simulated once for all             |
+//! | [`mod@tracked`]     | touches with their contacts, simulated once and used by all     |
 //! | [`mod@folds`]       | which touches are learnt from, and which are predicted          |
 //! | [`mod@method`]      | the methods that are compared                                   |
 //! | [`mod@regression`]  | torque from joint angles alone: MLP, Gaussian process, k-NN     |
-//! | [`mod@evaluate`]    | all methods on all folds                                        |
-//! | [`mod@evaluation`]  | its result                                                      |
-//! | [`mod@tune`]        | settings from training touches alone                            |
-//! | [`mod@study`]       | settings over several objects                                   |
-//! | [`mod@change`]      | whether touches contradict a field: it moved, is softer, or another |
-//! | [`mod@next_touch`]  | which motion would teach most                                   |
-//! | [`mod@extrapolate`] | from touched cells to cells that only a camera saw              |
-//! | [`mod@errors`]      | the four figures of Table I                                     |
+//! | [`mod@evaluate`]    | cross-validation: all methods on all folds                      |
+//! | [`mod@evaluation`]  | the result of an evaluation                                     |
+//! | [`mod@tune`]        | settings chosen by cross-validation on training touches         |
+//! | [`mod@study`]       | settings compared over several objects                          |
+//! | [`mod@change`]      | whether an object moved, softened or was replaced since mapping |
+//! | [`mod@next_touch`]  | which motion reduces the variance of a task most                |
+//! | [`mod@extrapolate`] | stiffness of untouched cells, from a point cloud                |
+//! | [`mod@errors`]      | the four error figures of Table I                               |
 //! | [`mod@excite`]      | a motion that determines an arm's masses and friction           |
 //! | [`mod@body`]        | an elastic body from a cloud: stems, tubes, radii               |
-//! | [`mod@elastic`]     | its stiffness, learnt from touches                              |
-//! | [`mod@calibrate`]   | how wide bands around predicted torques are                     |
-//! | [`mod@bands`]       | the bands of predicted touches, and whether they hold           |
-//! | [`mod@identify`]    | payload, friction, bias and delay of an arm in free motion      |
+//! | [`mod@elastic`]     | the stiffness of an elastic body, learnt from touches           |
+//! | [`mod@calibrate`]   | calibration of the bands around predicted torques               |
+//! | [`mod@bands`]       | the bands of predicted touches, and their coverage              |
+//! | [`mod@identify`]    | payload, friction, bias and delay of an arm, from free motion   |
 //!
-//! The crate knows the estimators of the core, but no file.
+//! The crate uses the estimators of `palpate`; it reads and writes no files.
 #![forbid(unsafe_code)]
 
 pub mod bands;

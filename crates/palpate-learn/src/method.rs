@@ -1,4 +1,4 @@
-//! What is compared: the estimators, the paper's baselines, and the two that keep everyone honest.
+//! The methods that are compared: the estimators, the paper's baselines, and the trivial `uniform` and `zero`.
 
 use nalgebra::DVector;
 use palpate::unstable::{Cell, Estimator, FrameId, Stiffness};
@@ -13,26 +13,26 @@ use crate::regression::{Frames, Knn, RegressionError, Regressor};
 use crate::regression::{Gp, Mlp};
 use crate::tracked::{Tracked, TrackedFrame};
 
-/// A method of the table.
+/// A method for predicting torques.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
-    /// A body that bends, from a picture, and `map` for the residual ([`crate::elastic`]); `map` alone
+    /// An elastic body from a point cloud, and `map` for its residual ([`crate::elastic`]); `map` alone
     /// if the touches were tracked without a body ([`Tracked::with_bodies`]).
     Elastic,
     /// The exact maximum a posteriori ([`palpate::EstimatorKind::Map`]).
     Map,
     /// The paper's filter ([`palpate::EstimatorKind::Ekf`]).
     Ekf,
-    /// A network of two layers, from joint angles alone.
+    /// A multilayer perceptron, from joint angles alone.
     Mlp,
     /// A Gaussian process, from joint angles alone.
     Gp,
     /// The nearest neighbours, from joint angles alone.
     Knn,
-    /// One stiffness for all cells, the best in the sense of least squares.
+    /// One stiffness for all cells, by least squares.
     Uniform,
-    /// No torque at all.
+    /// Predicts zero torque.
     Zero,
 }
 
@@ -40,7 +40,7 @@ pub enum Method {
 pub type Torques = Vec<Vec<Vec<f64>>>;
 
 impl Method {
-    /// All of them, in the order of the table.
+    /// All methods, in the order of tables.
     pub const ALL: [Self; 8] = [
         Self::Elastic,
         Self::Map,
@@ -52,7 +52,7 @@ impl Method {
         Self::Zero,
     ];
 
-    /// The method that an estimator is, without an elastic body.
+    /// The method of an estimator; of `elastic`, the one for its residual.
     pub(crate) fn of(estimator: EstimatorKind) -> Self {
         match estimator {
             EstimatorKind::Map | EstimatorKind::Elastic => Self::Map,
@@ -60,7 +60,7 @@ impl Method {
         }
     }
 
-    /// As it is called in tables and files.
+    /// The name of the method in tables and files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Elastic => "elastic",
@@ -74,23 +74,23 @@ impl Method {
         }
     }
 
-    /// Whether it was built: networks and Gaussian processes need the feature `regression`.
+    /// Whether the method is in this build: `mlp` and `gp` need the feature `regression`.
     pub fn is_built(self) -> bool {
         cfg!(feature = "regression") || !matches!(self, Self::Mlp | Self::Gp)
     }
 
-    /// Whether it learns from joint angles alone, as the paper's baselines do.
+    /// Whether the method learns from joint angles alone, as the paper's baselines do.
     pub fn is_learnt_baseline(self) -> bool {
         matches!(self, Self::Mlp | Self::Gp | Self::Knn)
     }
 
     /// Learns a fold's training touches and predicts its test touches.
     ///
-    /// `config` is that of the estimator, if this is one. `stop` is asked every now and then.
+    /// `config` is used by the estimators only. `stop` is polled regularly.
     ///
     /// # Errors
     ///
-    /// If a setting is out of its range, or numbers do not let the method learn.
+    /// If a setting is out of its range, learning fails numerically, the method is not built, or `stop` returns true.
     pub fn predict(
         self,
         tracked: &Tracked,
@@ -120,7 +120,7 @@ impl Method {
     }
 }
 
-/// What a regression of torques on joint positions predicts.
+/// Torques of a fold's test touches, predicted by a regression on joint positions.
 fn regressed<R: Regressor>(
     fit: impl Fn(&Frames) -> Result<R, RegressionError>,
     tracked: &Tracked,
@@ -136,11 +136,11 @@ fn regressed<R: Regressor>(
     Ok(fold.test.iter().map(of).collect())
 }
 
-/// Learns some touches: predict, correct, replay, frame by frame, as [`palpate::Mapper`]
-/// does, with the contacts there already.
+/// Learns touches frame by frame (correct, replay) as [`palpate::Mapper`] does, but with contacts
+/// that were simulated before.
 ///
-/// `prior_means_n_per_m` are those of the first rows of [`Tracked::cells`], N/m: of all rows, or of
-/// as many as there are. Rows after them have the prior's. See [`Estimator::set_prior_means`].
+/// `prior_means_n_per_m` are the prior means of the first rows of [`Tracked::cells`], N/m. Rows
+/// after them have the common prior mean. See [`Estimator::set_prior_means`].
 ///
 /// # Errors
 ///
@@ -174,7 +174,7 @@ pub fn learn(
     Ok(estimator)
 }
 
-/// The field that `estimator` has learnt from some of the touches.
+/// The field of the cells that `estimator` has learnt.
 pub fn field(tracked: &Tracked, estimator: &dyn Estimator, config: &MapperConfig) -> Field {
     let rows = 0..tracked.cells.len();
     let seen: Vec<usize> = rows.filter(|&row| estimator.count(row) > 0).collect();
@@ -193,8 +193,8 @@ fn torques(tracked: &Tracked, fold: &Fold, predict: impl Fn(&TrackedFrame) -> Ve
     fold.test.iter().map(of).collect()
 }
 
-/// The field of one stiffness that explains the touches best: `K = Σ h·τ / Σ h·h ≥ 0`, where h is
-/// the torque of a field of 1 N/m.
+/// The constant stiffness that fits the touches best: `K = Σ h·τ / Σ h·h ≥ 0`, where h is the torque
+/// of a field of 1 N/m.
 fn uniform(tracked: &Tracked, touches: &[usize]) -> Vec<Cell> {
     let unit = tracked.with_stiffness(|_| 1.0);
     let (mut explained, mut power) = (0.0, 0.0);

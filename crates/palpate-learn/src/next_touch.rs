@@ -1,17 +1,16 @@
-//! Which motion would teach most, before it is made.
+//! Ranks planned motions by how much a touch with each would teach.
 //!
-//! What an arm displaces follows from its motion alone, so the levers H of a motion that was never made are known, and
-//! with them how the variance P of the cells would shrink (Eq. 6 of the paper; P diagonal as the field has it, and from
-//! then on with all correlations between what the motions press). The motions are ranked greedily, each after those
-//! before it, by one of
+//! Contacts follow from the motion of the arm alone, so the levers H of a planned motion are known, and with them how
+//! the covariance P of the cells would shrink (Eq. 6 of the paper). P is diagonal in the field; from the first motion
+//! on, its correlations are kept. The motions are ranked greedily, each given those before it, by one of
 //!
 //! | criterion | value of a motion c                                   |
 //! |-----------|-------------------------------------------------------|
-//! | variance  | `tr(H P Hᵀ)` of the task, before less after it        |
+//! | variance  | decrease of `tr(H P Hᵀ)` of the task                  |
 //! | information | `½ log det(I + H_c P H_cᵀ / σ²)`, nats               |
 //!
-//! all computed between frames, by the Gram matrix `G = H P Hᵀ` over some frames of all motions (and cells, if the task
-//! is a box): after c it is `G − G_c (G_cc + σ² I)⁻¹ G_cᵀ`. The bound K ≥ 0 is not known to it.
+//! Both are computed from the Gram matrix `G = H P Hᵀ` over some frames of all motions (and cells, if the task is a
+//! box): after c it is `G − G_c (G_cc + σ² I)⁻¹ G_cᵀ`. The bound K ≥ 0 is ignored.
 
 use nalgebra::{Cholesky, DMatrix};
 use palpate::Field;
@@ -23,52 +22,53 @@ use crate::error::{LearnError, Stop, unless_stopped};
 use crate::field_rows::FieldRows;
 use crate::tracked::{Tracked, TrackedFrame};
 
-/// Rows of the Gram matrix that frames take, about.
+/// About the most rows of the Gram matrix for frames.
 const ROWS: usize = 3000;
-/// Frames of a motion: at least, and at most.
+/// Lower and upper bound of the frames per motion that are used.
 const FRAMES: [usize; 2] = [3, 24];
-/// Cells of a box by which it is judged, at most.
+/// Most cells of a box that are used.
 const CELLS: usize = 600;
 
-/// What a motion is judged by.
+/// Criterion by which motions are ranked.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Criterion {
-    /// How much less the variance of the task's torques, or of the stiffness in its box, is.
+    /// Decrease of the variance of the task: of its torques, or of the stiffness in its box.
     #[default]
     Variance,
-    /// What is learnt of all cells that it presses, whatever the task.
+    /// Information gained about all cells that the motion touches, whatever the task.
     Information,
 }
 
-/// What will be asked of the field.
+/// The quantities that the field should predict well.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Task {
-    /// The torques of these motions, by number.
+    /// The torques of these motions, by index.
     Motions(Vec<usize>),
-    /// The stiffness of the cells between two corners, m, world frame, as far as any motion touches them.
+    /// The stiffness of the cells in a box, given by two corners, m, world frame; only cells that some motion touches
+    /// count.
     Box([[f64; 3]; 2]),
 }
 
-/// A motion in the order in which it is best made.
+/// A proposed motion; proposals are in the order in which the motions should be made.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Proposal {
-    /// Its number among the motions.
+    /// Index of the motion.
     #[serde(skip)]
     pub motion: usize,
-    /// Share of the task's variance that is left once it and all before it are made.
+    /// Remaining share of the task's variance after this motion and all before it.
     pub variance_left: f64,
-    /// What it teaches by itself, after those before it, nats.
+    /// Information gained by this motion after those before it, nats.
     pub information_nats: f64,
-    /// Share of what it touches that the field does not know.
+    /// Share of its contacts whose cells the field does not know.
     pub unknown: f64,
-    /// Largest torque of a joint that the field predicts, N·m.
+    /// Largest predicted torque of a joint, N·m.
     pub torque_n_m: f64,
-    /// The same with its band, or twice the springs' standard deviation, N·m.
+    /// Largest predicted torque plus half-width of its band (without bands: plus twice the spread), N·m.
     pub with_band_n_m: f64,
 }
 
-/// What a field says of motions.
+/// Planned motions and a field, for ranking the motions.
 pub struct NextTouch<'a> {
     tracked: &'a Tracked,
     field: &'a Field,
@@ -78,8 +78,8 @@ pub struct NextTouch<'a> {
 
 impl<'a> NextTouch<'a> {
     /// `tracked` are the motions under the field's lattice and contact model; `untouched_std_n_per_m` is the standard
-    /// deviation of cells that the field does not know, and `torque_std` that of a measured torque, N·m: the sensor's,
-    /// and what springs leave unexplained.
+    /// deviation of cells that the field does not know, and `torque_std` that of a measured torque, N·m: sensor noise
+    /// and model error together.
     pub fn new(
         tracked: &'a Tracked,
         field: &'a Field,
@@ -89,8 +89,8 @@ impl<'a> NextTouch<'a> {
         Self { tracked, field, rows, torque_std }
     }
 
-    /// Largest torque of a joint along a motion: predicted, and with the band for largest torques at the field's default
-    /// level, or twice the springs' standard deviation, N·m.
+    /// Largest torque of a joint along a motion, N·m: predicted, and with the half-width of the band for largest
+    /// torques at the default level (without bands: with twice the spread) added.
     pub fn torque_n_m(&self, motion: usize) -> [f64; 2] {
         let calibration = self.field.calibration.as_ref();
         let calibration = calibration.filter(|own| own.check(self.tracked.n_joints).is_ok());
@@ -114,12 +114,12 @@ impl<'a> NextTouch<'a> {
         self.tracked.touches[motion].in_contact().map(at).fold([0.0; 2], largest)
     }
 
-    /// The best `count` of the candidates in their order, each after those before it. Candidates that touch nothing are
+    /// The best `count` candidates in order, each the best given those before it. Candidates that touch nothing are
     /// left out.
     ///
     /// # Errors
     ///
-    /// If nothing of the task is uncertain, or on being stopped.
+    /// If the variance of the task is zero, or on being stopped.
     pub fn rank(
         &self,
         (candidates, count): (&[usize], usize),
@@ -173,7 +173,7 @@ fn largest(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [a[0].max(b[0]), a[1].max(b[1])]
 }
 
-/// Some frames of all motions, and cells, with what they press.
+/// Some frames of all motions, and cells of the task, with their levers.
 struct Frames {
     /// Rows of the Gram matrix, by motion.
     rows: Vec<Vec<usize>>,
@@ -209,7 +209,7 @@ impl Frames {
         Self { rows, n_rows, levers, std_n_per_m: std_n_per_m.collect() }
     }
 
-    /// Rows of the Gram matrix that are the task's.
+    /// Rows of the Gram matrix that belong to the task; adds rows for the cells of a box.
     fn task(&mut self, tracked: &Tracked, task: &Task) -> Vec<usize> {
         match task {
             Task::Motions(motions) => {
@@ -246,20 +246,20 @@ impl Frames {
     }
 }
 
-/// What a motion would teach.
+/// Values of a motion under the two criteria.
 struct Judged {
     less_variance: f64,
     information_nats: f64,
 }
 
-/// `G_cc + σ² I`, decomposed.
+/// Cholesky factor of `G_cc + σ² I`.
 fn innovation(
     (gram, torque_std): (&DMatrix<f64>, f64),
     own: &[usize],
 ) -> Option<Cholesky<f64, nalgebra::Dyn>> {
     let variance = torque_std * torque_std;
     let mut inner = DMatrix::from_fn(own.len(), own.len(), |i, j| gram[(own[i], own[j])]);
-    // Rounding may leave a variance that is gone a little below zero.
+    // Rounding may leave a variance slightly below zero.
     (0..own.len()).for_each(|i| inner[(i, i)] = inner[(i, i)].max(0.0) + variance);
     inner.cholesky()
 }
@@ -275,7 +275,7 @@ fn judge((gram, torque_std): (&DMatrix<f64>, f64), own: &[usize], task: &[usize]
     Judged { less_variance: cross.norm_squared(), information_nats: diagonal.sum() }
 }
 
-/// The Gram matrix after a motion was made.
+/// Updates the Gram matrix as if the motion had been made.
 fn learn((gram, torque_std): (&mut DMatrix<f64>, f64), own: &[usize]) {
     let Some(inner) = innovation((gram, torque_std), own) else { return };
     let mut cross = DMatrix::from_fn(own.len(), gram.ncols(), |i, j| gram[(own[i], j)]);

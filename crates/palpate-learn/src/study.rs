@@ -1,8 +1,8 @@
-//! Objects under several settings: which settings hold for objects that they were not chosen on.
+//! Comparison of settings over several objects: which settings also hold for objects on which they were not chosen.
 //!
 //! Each touch of an object is predicted from its others under each of the settings. Contacts are simulated
-//! once for all settings that share a contact model. Of frames that were thinned, each counts for as many as
-//! it stands for, by that much less noise.
+//! once for all settings that share a contact model. If every n-th frame is kept, the torque noise is divided
+//! by √n, so that evidence and prior keep their balance.
 
 use std::sync::Arc;
 
@@ -17,37 +17,36 @@ use crate::folds::{Fold, folds};
 use crate::method::Method;
 use crate::tracked::{Touch, Tracked, TrackedFrame};
 
-/// Torques that say whether the arm loads the object are so many frames apart, before frames are thinned.
+/// A frame counts as loading if its torque is larger than that many frames before (frames before thinning).
 const BEFORE: usize = 5;
 
-/// How well a touch was predicted that was not learnt from.
+/// Errors of a held-out touch.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TouchScore {
-    /// Its name.
+    /// Name of the touch.
     pub touch: String,
-    /// Average relative error; `None` if it never reaches 1 N·m.
+    /// Average relative error; `None` if the torque never reaches 1 N·m.
     pub relative: Option<f64>,
-    /// The same where the torque grows, and where it does not.
+    /// Average relative error over frames in which the torque grows.
     pub loading: Option<f64>,
-    /// See `loading`.
+    /// Average relative error over frames in which the torque does not grow.
     pub unloading: Option<f64>,
-    /// The same where points are in contact and at least half of them were met by touches that were learnt, and
-    /// where fewer were.
+    /// Average relative error over frames in contact of whose cells at least half were touched by learnt touches.
     pub met: Option<f64>,
-    /// See `met`.
+    /// Average relative error over the other frames in contact.
     pub unmet: Option<f64>,
     /// Root mean square of the error by joint, N·m.
     pub joint_error_n_m: Vec<f64>,
-    /// The same of predicting zero, N·m.
+    /// Root mean square of the torque by joint, N·m: the error of predicting zero.
     pub joint_torque_n_m: Vec<f64>,
 }
 
-/// What is studied of an object.
+/// Scores of an object.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ObjectScores {
     /// By setting, by touch.
     pub settings: Vec<Vec<TouchScore>>,
-    /// Mean relative error under the first settings, by how many touches were learnt: 1, 2, 4 and so on.
+    /// Learning curve under the first settings: number of learnt touches (1, 2, 4 and so on), and mean relative error.
     pub by_touches_learnt: Vec<(usize, f64)>,
 }
 
@@ -58,14 +57,14 @@ impl ObjectScores {
     }
 }
 
-/// Mean over the touches that have it.
+/// Mean of a score over the touches that have it.
 pub fn mean(touches: &[TouchScore], of: impl Fn(&TouchScore) -> Option<f64>) -> Option<f64> {
     MeanStd::of(touches.iter().filter_map(of)).map(|figure| figure.mean)
 }
 
 /// Predicts each touch of an object from its others, under each of `settings`.
 ///
-/// Every `every`-th frame is used. If a `curve` is wanted, each touch is also predicted from the 1, 2, 4, …
+/// Every `every`-th frame is used. For a learning curve (`curve`), each touch is also predicted from the 1, 2, 4, …
 /// touches after it, under the first settings. `done` is called once for each contact model.
 ///
 /// # Errors
@@ -113,14 +112,16 @@ pub fn study(
     Ok(ObjectScores { settings: scores, by_touches_learnt })
 }
 
-/// Settings under which every `every`-th frame says as much as all of them under these.
+/// Settings for thinned frames, with torque noise divided by √`every`: every `every`-th frame then has as much weight
+/// as all frames under `config`.
 pub(crate) fn for_thinned(config: &MapperConfig, every: usize) -> MapperConfig {
     let (mut config, shrink) = (config.clone(), (every as f64).sqrt().recip());
     config.estimator.torque_std.iter_mut().for_each(|std| *std *= shrink);
     config
 }
 
-/// For each object, the settings that are best on average over all others; `None` where no other has a figure.
+/// For each object, the index of the settings that are best on average over all other objects; `None` if no other has a
+/// score.
 ///
 /// `relative`: by object, by setting.
 pub fn chosen_on_others(relative: &[Vec<Option<f64>>]) -> Vec<Option<usize>> {
@@ -156,7 +157,7 @@ fn learning_curve(
     Ok(figures?.into_iter().flatten().collect())
 }
 
-/// Predicts the one touch that a fold tests, of which every `every`-th frame is left.
+/// Scores the one test touch of a fold; `tracked` has every `every`-th frame.
 fn score(
     tracked: &Tracked,
     fold: &Fold,
@@ -201,13 +202,13 @@ fn score(
     })
 }
 
-/// By frame, whether its torque is larger than so many frames before.
+/// By frame, whether the norm of its torque is larger than that `before` frames earlier.
 fn loading(torques: &[&Vec<f64>], before: usize) -> Vec<bool> {
     let size = |at: usize| torques[at].iter().map(|t| t * t).sum::<f64>();
     (0..torques.len()).map(|at| size(at) > size(at.saturating_sub(before))).collect()
 }
 
-/// Whether at least half of some rows were met; `None` without any.
+/// Whether at least half of `rows` were met; `None` without rows.
 fn mostly_met(rows: impl Iterator<Item = usize>, met: &[bool]) -> Option<bool> {
     let (of_met, all) =
         rows.fold((0, 0), |(of_met, all), row| (of_met + usize::from(met[row]), all + 1));

@@ -1,8 +1,8 @@
-//! Touches with their contacts, tracked once for all that learn from them.
+//! Touches with their contacts, tracked once and shared by all folds and methods.
 //!
-//! What the arm displaces follows from its motion alone, so folds and methods share it: a touch is
-//! simulated once, and its frames are handed to every estimator that learns from it. Cells are
-//! numbered over all touches; a row that an estimator has not seen has its prior.
+//! Contacts follow from the motion of the arm alone, so a touch is simulated once, and its frames
+//! are given to every estimator that learns from it. Rows of cells are numbered over all touches; a
+//! row that an estimator has not seen has the prior.
 
 use std::sync::Arc;
 
@@ -18,14 +18,15 @@ use crate::elastic::{BodyTorques, Settled};
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::regression::Frames;
 
-/// A touch as a log holds it, with what is known of the truth.
+/// A touch as logged, with the true torques if they are known.
 #[derive(Debug, Clone)]
 pub struct Touch {
-    /// Its name.
+    /// Name of the touch.
     pub name: String,
     /// Its samples in order.
     pub samples: Vec<Sample>,
-    /// True external torque of every sample, n_joints, N·m, where it is to be predicted.
+    /// True external torque of every sample, n_joints, N·m; predictions are compared with it in place of the measured
+    /// one.
     pub truth: Option<Vec<Vec<f64>>>,
 }
 
@@ -34,67 +35,67 @@ pub struct Touch {
 pub struct Tracked {
     /// The touches in the order in which they were given.
     pub touches: Vec<TrackedTouch>,
-    /// The box that the cells belong to.
+    /// The lattice of the cells.
     pub lattice: Lattice,
-    /// All cells touched, by row.
+    /// All touched cells, by row.
     pub cells: Vec<CellId>,
-    /// Their rest points, by row, world frame, m.
+    /// Rest points of the cells, by row, world frame, m.
     pub points_m: Vec<[f64; 3]>,
-    /// Joints of every torque.
+    /// Number of joints of the arm.
     pub n_joints: usize,
-    /// Torques of an elastic body along the touches, if there is one.
+    /// Torques of an elastic body along the touches, if there is a body.
     pub(crate) body: Option<Arc<BodyTorques>>,
 }
 
 /// A touch with its contacts.
 #[derive(Debug, Clone)]
 pub struct TrackedTouch {
-    /// Its name.
+    /// Name of the touch.
     pub name: String,
-    /// Its frames from the tare on, those that are learnt from ([`Downsampling`]).
+    /// Its frames after the tare, downsampled for learning ([`Downsampling`]).
     pub frames: Vec<TrackedFrame>,
-    /// Its torques before, bias and all, n_joints, N·m.
+    /// Torques during the tare, with the bias, n_joints, N·m.
     of_tare: Vec<DVector<f64>>,
     /// The motion of the arm while it touches something.
     pub(crate) in_contact: Motion,
 }
 
-/// How far the arm goes, and how long that takes; 0 without times.
+/// Path length and duration of a motion; 0 without times.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Motion {
-    /// Of the fastest point of the arm, m.
+    /// Path of the fastest point of the arm, m.
     pub(crate) path_m: f64,
-    /// s.
+    /// Duration, s.
     pub(crate) time_s: f64,
 }
 
 /// One frame after the tare.
 #[derive(Debug, Clone)]
 pub struct TrackedFrame {
-    /// Its number among the touch's samples.
+    /// Index of the sample in its touch.
     pub sample: u32,
-    /// By the log's clock, s.
+    /// Logged time, s.
     pub time_s: Option<f64>,
     /// Joint positions, n_joints, rad.
     pub q: Vec<f64>,
-    /// The same with every joint that turns without end counted on from the first sample of all.
+    /// Joint positions with continuous joints unwrapped, counted from the first sample of the first touch.
     pub unwrapped: Vec<f64>,
     /// Contacts, and the measured external torque.
     pub observation: Observation,
     /// Standard deviations of the measured torque, n_joints, N·m, if they are known.
     tau_std: Option<Vec<f64>>,
-    /// The external torque that is to be predicted, n_joints, N·m: true or measured.
+    /// The external torque to predict, n_joints, N·m: the true one if known, otherwise the measured one.
     pub target: Vec<f64>,
 }
 
 impl Tracked {
-    /// Tracks all touches, several at a time; the result does not depend on how many.
+    /// Tracks all touches, in parallel; the result does not depend on the number of threads.
     ///
-    /// `stop` is asked before every sample.
+    /// `stop` is polled before every sample.
     ///
     /// # Errors
     ///
-    /// Names the first touch, and its sample, that cannot be used.
+    /// Names the first touch and sample that cannot be used.
     pub fn new(
         arm: &Arc<Arm>,
         config: &MapperConfig,
@@ -105,7 +106,7 @@ impl Tracked {
         Self::track(arm, config, touches, (None, 1), stop)
     }
 
-    /// Every n-th of the frames, with the same torques, under another contact model.
+    /// Tracks every n-th frame again under another contact model, with the external torques of `self`.
     ///
     /// # Errors
     ///
@@ -120,13 +121,13 @@ impl Tracked {
     ) -> Result<Self, LearnError> {
         let mut config = config.clone();
         config.contact = contact.clone();
-        config.touch.tare = Tare::None; // The torques are known, with their tare taken off.
+        config.touch.tare = Tare::None; // The torques of `self` are already tared.
         Self::track(arm, &config, touches, (Some(self), n), stop)
     }
 
-    /// The same with the torques of a body that the arm bends in every touch, for
-    /// [`crate::method::Method::Elastic`]. Several bodies are what one object may be, the likeliest first.
-    /// `training` are the sets of touches, by number, from which the body will be learnt. `step` is called [`crate::elastic::steps`] times, from any thread.
+    /// Adds the simulated torques of an elastic body along every touch, for [`crate::method::Method::Elastic`]. Several
+    /// bodies are alternatives for the same object, the most likely first. `training` are the sets of touches, by
+    /// index, from which the body will be learnt. `step` is called [`crate::elastic::steps`] times, from any thread.
     ///
     /// # Errors
     ///
@@ -134,7 +135,7 @@ impl Tracked {
     ///
     /// # Panics
     ///
-    /// If these are not the touches that were tracked, or there is no body.
+    /// If `touches` are not those that were tracked, or `bodies` is empty.
     pub fn with_bodies(
         mut self,
         arm: &Arc<Arm>,
@@ -148,7 +149,7 @@ impl Tracked {
         Ok(self)
     }
 
-    /// How often the body came to rest, if there is one.
+    /// How often the simulation of the body converged, if there is a body.
     pub fn settled(&self) -> Option<Settled> {
         Some(self.body.as_ref()?.settled)
     }
@@ -188,7 +189,7 @@ impl Tracked {
         let mut observations = ObservationBuilder::new(CellRows::new(config.lattice.clone()));
         let mut tracked = Vec::with_capacity(touches.len());
         let numbered: Vec<(usize, &Touch)> = touches.iter().enumerate().collect();
-        // Contacts are larger than observations: there are no more of them than are worked on.
+        // Contacts need more memory than observations, so only one chunk of touches has them at a time.
         for some in numbered.chunks(rayon::current_num_threads().max(1)) {
             let followed: Vec<_> = some.par_iter().map(|touch| track(*touch)).collect();
             for (frames, (number, touch)) in followed.into_iter().zip(some) {
@@ -213,7 +214,7 @@ impl Tracked {
         })
     }
 
-    /// By row, whether any of these touches has met the cell.
+    /// By row, whether any of these touches has displaced the cell.
     pub fn rows_met(&self, touches: &[usize]) -> Vec<bool> {
         let mut met = vec![false; self.cells.len()];
         for frame in touches.iter().flat_map(|&touch| &self.touches[touch].frames) {
@@ -222,13 +223,13 @@ impl Tracked {
         met
     }
 
-    /// All cells with a stiffness by row, N/m; rows are asked for in rising order.
+    /// All cells with the stiffness that `stiffness` gives for their row, N/m; called in the order of rows.
     pub(crate) fn with_stiffness(&self, mut stiffness: impl FnMut(usize) -> f64) -> Vec<Cell> {
         let cell = |(row, &point): (usize, &[f64; 3])| Cell::new(point, stiffness(row));
         self.points_m.iter().enumerate().map(cell).collect()
     }
 
-    /// Standard deviation of some touches' torques in the frames of the tare, where nothing is
+    /// Standard deviation of the torques during the tares of these touches, where nothing is
     /// touched, n_joints, N·m; 0 without such frames.
     pub fn noise_std(&self, touches: &[usize]) -> Vec<f64> {
         let (mut squares, mut freedom) = (DVector::<f64>::zeros(self.n_joints), 0.0);
@@ -243,7 +244,7 @@ impl Tracked {
         squares.iter().map(|square| (square / f64::max(freedom, 1.0)).sqrt()).collect()
     }
 
-    /// Joint positions and measured torques of some touches, for what learns from them alone.
+    /// Joint positions and measured torques of these touches, for regressions that learn from joint positions.
     pub fn frames(&self, touches: &[usize]) -> Frames {
         let of =
             |&touch: &usize| self.touches[touch].frames.iter().map(move |frame| (touch, frame));
@@ -270,7 +271,7 @@ impl TrackedTouch {
 }
 
 impl TrackedFrame {
-    /// What an estimator learns from: an observation of this frame, with the weights of its torques.
+    /// The observation with the weights of this frame's torques, for an estimator.
     pub(crate) fn weighted(
         &self,
         observation: Observation,
@@ -282,18 +283,17 @@ impl TrackedFrame {
         }
     }
 
-    /// `τ̂ = Σ wᵢ Kᵢ` (Eq. 5) of cells by row, of which none counts as negative, n_joints, N·m.
+    /// Predicted torque `τ̂ = Σ wᵢ Kᵢ` (Eq. 5), n_joints, N·m. Cells are by row; their stiffness counts as at least 0.
     pub(crate) fn predict(&self, cells: &[Cell]) -> Vec<f64> {
         self.observation.predict(cells, Stiffness::Positive).as_slice().to_vec()
     }
 }
 
-/// By touch, given by its samples, the largest norm of the external torque while the arm displaces anything, N·m; 0 if it never
-/// does.
+/// For each touch, given by its samples, the largest norm of the external torque in contact, N·m; 0 without contact.
 ///
 /// # Errors
 ///
-/// Names the first touch, and its sample, that cannot be used.
+/// Names the first touch and sample that cannot be used.
 pub fn largest_torques(
     arm: &Arc<Arm>,
     config: &MapperConfig,
@@ -326,9 +326,9 @@ pub fn largest_torques(
     each.into_iter().collect()
 }
 
-/// A frame on its way to a [`TrackedFrame`].
+/// A frame that was simulated, before it becomes a [`TrackedFrame`].
 struct Followed {
-    /// Its number among the touch's samples.
+    /// Index of the sample in its touch.
     sample: usize,
     unwrapped: Vec<f64>,
     tracked: TrackedSample,
@@ -357,8 +357,8 @@ impl Followed {
     }
 }
 
-/// Every n-th of the frames of a touch from the tare on that are learnt from, or of those of `like` with their torques;
-/// and the torques, bias and all, of those before the end of the tare.
+/// Simulates a touch: every n-th of its downsampled frames after the tare (if `like` is given, of its frames and with
+/// their torques), and the torques during the tare, with the bias.
 fn follow(
     mut tracker: Tracker,
     (number, touch): (usize, &Touch),
@@ -369,7 +369,7 @@ fn follow(
     let arm = Arc::clone(tracker.arm());
     tracker.begin_touch();
     let (mut frames, mut of_tare, mut n_frames) = (Vec::new(), Vec::new(), 0);
-    // A first sample of another robot is refused where it stands.
+    // If the first sample is of another robot, it is ignored here; `feed` reports the error at the right place.
     let first = first.filter(|q| q.len() == arm.robot.n_joints());
     let mut before = first.or(touch.samples.first().map(|sample| &sample.q)).cloned();
     let mut unwrapped = before.clone().unwrap_or_default();
@@ -409,7 +409,7 @@ fn follow(
     Ok((frames, of_tare))
 }
 
-/// The motion of the arm from frame to frame that touch something.
+/// The motion of the arm between successive frames in contact.
 fn in_contact(arm: &Arm, frames: &[Followed], touch: &Touch) -> Motion {
     frames.windows(2).fold(Motion::default(), |sum, pair| {
         let time_s = |of: &Followed| touch.samples[of.sample].time_s;

@@ -2,15 +2,14 @@
 //!
 //! Candidates are made once, the given settings among them: a few contact models, each with a few priors
 //! ([`Search::quick`]), or contact model, prior, torque noise and replays drawn at random from a seed, and one for hard
-//! things ([`Search::thorough`]). Successive halving then finds the best: every candidate is tried on half of a few
-//! inner folds, the better third also on the other half, and in a thorough search the best few leave-one-touch-out.
-//! What a candidate is judged by are measured torques of training touches that it has not learnt from; the
-//! touch under test is never looked at. The same torques give the candidate's
-//! [`palpate::EstimatorConfig::stiffness_scale`]: that with the smallest error.
+//! objects ([`Search::thorough`]). Successive halving then finds the best: every candidate is tried on half of a few
+//! inner folds, the better third also on the other half, and in a thorough search the best third of these
+//! leave-one-touch-out. Candidates are scored by the measured torques of held-out training touches; the touch under
+//! test is never used. The same torques give the candidate's [`palpate::EstimatorConfig::stiffness_scale`]: the one
+//! with the smallest error.
 //!
-//! Frames are thinned for this; every one that is left then counts for as many as it stands for, by
-//! that much less noise, so that evidence and prior keep their balance. A contact model is simulated
-//! once for all candidates and folds that share it.
+//! Frames are thinned for this. If every n-th is kept, the torque noise is divided by √n, so that evidence and prior
+//! keep their balance. A contact model is simulated once for all candidates and folds that share it.
 
 use std::sync::Arc;
 
@@ -28,9 +27,9 @@ use crate::method::Method;
 use crate::study::for_thinned;
 use crate::tracked::{Touch, Tracked};
 
-/// Contact distance, m, friction and Coulomb friction of the contact models that are tried beside the given one. Objects
-/// differ most in these. Chosen on 18 simulated objects: the default, the two with the smallest mean error, and those
-/// that then add most.
+/// Contact distance, m, friction and Coulomb friction of the contact models that are tried besides the given one.
+/// Objects differ most in these. Chosen on 18 simulated objects: the default, the two with the smallest mean error, and
+/// those that then reduce the error most.
 const CONTACTS: [[f64; 3]; 6] = [
     [0.024, 0.3, 0.0],
     [0.030, 0.05, 0.3],
@@ -39,43 +38,43 @@ const CONTACTS: [[f64; 3]; 6] = [
     [0.036, 0.05, 0.3],
     [0.036, 0.3, 0.0],
 ];
-/// The same for hard things that only the tool touches: best on real presses of rigid buttons, and not chosen for any of
-/// 25 simulated objects.
+/// Contact model for hard objects that only the tool touches: the best on real presses of rigid buttons, and not chosen
+/// for any of 25 simulated objects.
 const HARD_CONTACT: [f64; 3] = [0.008, 0.05, 0.0];
-/// Standard deviation of its prior in a thorough search, as a multiple of the given one.
+/// Prior standard deviation for hard objects in a thorough search, as a multiple of the given one.
 const HARD_PRIOR_STD: f64 = 4.0;
-/// Means of the prior above the given one, as multiples of its standard deviation.
+/// Increases of the prior mean, as multiples of the given prior standard deviation.
 const PRIOR_MEANS: [f64; 4] = [0.0, 0.016, 0.04, 0.08];
-/// Means above the given one, and standard deviations, of the priors of a quick search, as multiples of the given
-/// standard deviation.
+/// Priors of a quick search: increase of the mean, and standard deviation, as multiples of the given standard
+/// deviation.
 const QUICK_PRIORS: [(f64, f64); 6] =
     [(0.0, 1.0), (0.016, 1.0), (0.04, 1.0), (0.08, 1.0), (0.0, 2.0), (0.0, 4.0)];
-/// Other settings, as multiples of the given ones.
+/// Prior standard deviations and torque noise, as multiples of the given ones; replays after each frame.
 const PRIOR_STDS: [f64; 5] = [0.5, 1.0, 1.5, 2.0, 4.0];
 const TORQUE_STDS: [f64; 3] = [0.7, 1.0, 1.4];
 const REPLAYS: [u32; 3] = [10, 20, 40];
 
-/// A mean relative error of held-out touches beyond which they say nothing of each other.
+/// If the best score is above this, touches do not predict each other ([`Tuned::is_all_noise`]).
 const MOST_ERROR: f64 = 0.95;
-/// Frames of all touches together that a candidate learns and predicts, about.
+/// About the most frames, over all touches, that a candidate learns and predicts: in a thorough and in a quick search.
 const FRAMES: usize = 1_200;
 const QUICK_FRAMES: usize = 300;
-/// Inner folds of the first rounds; the last one is leave-one-touch-out.
+/// Inner folds of the first two rounds; the last round is leave-one-touch-out.
 const INNER: usize = 4;
-/// Stiffness scales that are compared, evenly from 1 down, without 0.
+/// Number of stiffness scales that are compared, evenly spaced down from 1, without 0.
 const SCALES: u32 = 20;
 
-/// How thorough to be.
+/// Size of a thorough search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Effort {
-    /// Candidates to begin with.
+    /// Number of candidates in the first round.
     pub candidates: usize,
-    /// Seed of their draw.
+    /// Seed of the random candidates.
     pub seed: u64,
 }
 
 impl Effort {
-    /// What a few minutes on two cores allow: a visit of `ekf` takes three times as long.
+    /// As many candidates as a few minutes on two cores allow; `ekf` takes three times as long as `map`.
     pub fn of(method: EstimatorKind) -> Self {
         let candidates = match method {
             EstimatorKind::Map | EstimatorKind::Elastic => 24,
@@ -104,19 +103,19 @@ pub struct Given {
     pub stiffness_scale: bool,
 }
 
-/// Candidates, and how closely they are looked at.
+/// Candidates, and how thoroughly they are compared.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Search {
     candidates: Vec<MapperConfig>,
     given: Given,
-    /// Frames that a candidate learns and predicts, about.
+    /// About the most frames that a candidate learns and predicts.
     frames: usize,
-    /// Whether the best few are compared leave-one-touch-out.
+    /// Whether there is a last round of leave-one-touch-out.
     one_by_one: bool,
 }
 
 impl Search {
-    /// Few candidates, which differ in the settings that are not given: seconds for ten touches.
+    /// Few candidates, which differ only in settings that the user has not given. Takes seconds for ten touches.
     pub fn quick(config: &MapperConfig, given: Given) -> Self {
         let mut candidates = vec![config.clone()];
         for model in CONTACTS.into_iter().chain([HARD_CONTACT]) {
@@ -138,48 +137,48 @@ impl Search {
         Self { candidates, given, frames: QUICK_FRAMES, one_by_one: false }
     }
 
-    /// Candidates drawn at random around the given settings: minutes for ten touches.
+    /// Candidates drawn at random around the given settings. Takes minutes for ten touches.
     pub fn thorough(config: &MapperConfig, effort: Effort) -> Self {
         let (candidates, given) = (draw(config, effort), Given::default());
         Self { candidates, given, frames: FRAMES, one_by_one: true }
     }
 
-    /// How many candidates there are.
+    /// Number of candidates.
     pub fn candidates(&self) -> usize {
         self.candidates.len()
     }
 }
 
-/// What was chosen, and why.
+/// The chosen settings, and the scores of all candidates.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Tuned {
-    /// The settings that did best.
+    /// The best settings.
     pub config: MapperConfig,
-    /// All candidates, those that came furthest first, then by their score.
+    /// All candidates, sorted by the number of their rounds (most first), then by score.
     pub trials: Vec<Trial>,
-    /// Touches hardly predict each other: `torque_std` is then all of their torque.
+    /// Whether touches hardly predict each other. `torque_std` is then so large that it explains all of their torque.
     pub is_all_noise: bool,
 }
 
-/// One candidate's way through the rounds.
+/// A candidate and its scores.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
-    /// Its settings.
+    /// Settings of the candidate.
     pub config: MapperConfig,
-    /// Its score after each round that it was in: mean relative error on training touches it had
-    /// not learnt from (of a touch below 1 N·m: its mean error by that of predicting zero), and the excess over predicting zero.
+    /// Score after each of its rounds: mean relative error on held-out training touches (of a touch below 1 N·m: mean
+    /// error over that of predicting zero), plus the relative excess over the error of predicting zero, if any.
     pub scores: Vec<f64>,
 }
 
 /// Scores of a touch under each stiffness scale.
 type ByScale = Vec<Score>;
 
-/// Candidates with their contacts, for any set of training touches.
+/// Candidates with simulated contacts, for any set of training touches.
 pub struct Tuner {
     search: Search,
     /// The touches under each contact model.
     tracked: Vec<(ContactConfig, Tracked)>,
-    /// Frames that each frame of `tracked` stands for.
+    /// `tracked` has every n-th frame; this is n.
     every: usize,
 }
 
@@ -187,7 +186,7 @@ impl Tuner {
     /// Simulates the contact models of the candidates.
     ///
     /// `base` are the touches tracked under the contact model and the lattice of `config`; `done` is called after
-    /// every candidate.
+    /// every candidate, for a progress bar.
     ///
     /// # Errors
     ///
@@ -217,7 +216,7 @@ impl Tuner {
         Ok(Self { search, tracked, every })
     }
 
-    /// Chooses the settings for some training touches.
+    /// Chooses the settings for the training touches `train`.
     ///
     /// # Errors
     ///
@@ -234,7 +233,7 @@ impl Tuner {
         for (round, folds) in [few, others, &all].into_iter().enumerate().take(rounds) {
             trials[..left].par_iter_mut().try_for_each(|(trial, held_out)| {
                 if round == 2 {
-                    held_out.clear(); // the same touches once more
+                    held_out.clear(); // leave-one-touch-out tests the same touches again
                 }
                 held_out.extend(self.held_out(&trial.config, folds, stop)?);
                 let (score, scale) = self.best_scale(&trial.config, held_out);
@@ -242,7 +241,7 @@ impl Tuner {
                 trial.config.estimator.stiffness_scale = scale;
                 Ok::<_, LearnError>(())
             })?;
-            // Stable: equal ones stay in the order of the round before, at first that of the draw.
+            // The sort is stable: equal scores keep the order of the round before, at first the order of candidates.
             trials[..left].sort_by(|(a, _), (b, _)| a.scores[round].total_cmp(&b.scores[round]));
             left = [left.div_ceil(3), left.div_ceil(3), 1][round];
         }
@@ -258,8 +257,8 @@ impl Tuner {
         Ok(Tuned { config, trials, is_all_noise })
     }
 
-    /// Torque noise where touches say nothing of each other: all of their torque is noise, which the frames of a touch
-    /// share, so that a touch counts as one measurement; n_joints, N·m, `least` of them at least.
+    /// Torque noise if touches do not predict each other, n_joints, N·m, at least `least`: the root mean square of the
+    /// torque, times the root of the frames per touch, so that all frames of a touch together count as one measurement.
     fn all_noise(&self, train: &[usize], least: &[f64]) -> Vec<f64> {
         let tracked = &self.tracked[0].1;
         let frames = || train.iter().flat_map(|&touch| tracked.touches[touch].in_contact());
@@ -273,8 +272,8 @@ impl Tuner {
             .collect()
     }
 
-    /// The candidates with the sensors' noise as a floor, as it is seen where the training touches
-    /// touch nothing; but for the given settings, which stay as they are.
+    /// The candidates with the noise of the sensors, from the tares of the training touches, added to
+    /// their torque noise. The first candidate, with the given settings, stays as it is.
     fn with_noise_of(&self, train: &[usize]) -> Vec<MapperConfig> {
         let noise_std = self.tracked[0].1.noise_std(train);
         let mut candidates = self.search.candidates.clone();
@@ -290,7 +289,7 @@ impl Tuner {
         candidates
     }
 
-    /// Scores of a candidate on the touches that some folds test, those without torque left out.
+    /// Scores of a candidate on the test touches of `folds`, without those that have no torque.
     fn held_out(
         &self,
         config: &MapperConfig,
@@ -320,7 +319,7 @@ impl Tuner {
         Ok(scores)
     }
 
-    /// The stiffness scales that a candidate is tried with.
+    /// The stiffness scales that are tried for a candidate.
     fn scales(&self, config: &MapperConfig) -> Vec<f64> {
         let scale = |part: u32| f64::from(SCALES - part) / f64::from(SCALES);
         match Method::of(config.method) {
@@ -329,28 +328,28 @@ impl Tuner {
         }
     }
 
-    /// The mean score of a candidate with its best stiffness scale, and that.
+    /// The score of a candidate with its best stiffness scale, and this scale.
     fn best_scale(&self, config: &MapperConfig, held_out: &[ByScale]) -> (f64, f64) {
         let mean = |place: usize| mean_score(&held_out.iter().map(|scores| &scores[place]));
         let scored = self.scales(config).into_iter().enumerate();
         let scored = scored.map(|(place, scale)| (mean(place), scale));
-        // Of equal ones the largest, which comes first.
+        // Of equal scores, the largest scale, which comes first.
         scored.min_by(|a, b| a.0.total_cmp(&b.0)).expect("there is a scale")
     }
 }
 
-/// Errors of a touch that was predicted.
+/// Errors of a held-out touch.
 #[derive(Debug, Clone, Copy)]
 struct Score {
-    /// Mean relative error; where the torque never reaches 1 N·m the mean error by that of predicting zero.
+    /// Mean relative error; if the torque never reaches 1 N·m, the mean error over that of predicting zero.
     relative: f64,
     /// Mean error, N·m.
     error: f64,
-    /// The same of predicting zero.
+    /// Mean error of predicting zero, N·m.
     of_zero: f64,
 }
 
-/// Nothing if there is no torque at all.
+/// The score of a touch; `None` without any torque.
 fn score_of(predicted: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<Score> {
     let sum = ErrorSum::of(predicted, measured);
     let (errors, of_zero) = (sum.errors()?, sum.zero()?.avg_error);
@@ -359,8 +358,8 @@ fn score_of(predicted: &[Vec<f64>], measured: &[Vec<f64>]) -> Option<Score> {
     (of_zero > 0.0).then_some(Score { relative, error, of_zero })
 }
 
-/// The mean relative error of touches. Where the sum of their mean errors is above that of predicting zero, the excess is
-/// added, as a part of the latter: relative errors are of strong torques, and do not show those predicted in free air.
+/// The mean relative error of touches. If the sum of their mean errors is above that of predicting zero, the relative
+/// excess is added: relative errors are from frames with strong torques, and do not show torques predicted in free air.
 fn mean_score<'a>(touches: &(impl Iterator<Item = &'a Score> + Clone)) -> f64 {
     let relative = MeanStd::of(touches.clone().map(|score| score.relative));
     let sum = |of: fn(&Score) -> f64| touches.clone().map(of).sum::<f64>();
@@ -370,7 +369,7 @@ fn mean_score<'a>(touches: &(impl Iterator<Item = &'a Score> + Clone)) -> f64 {
     if score.is_finite() { score } else { f64::INFINITY }
 }
 
-/// Candidates around the given settings, which are the first of them; the last one is for hard things.
+/// Random candidates around the given settings. The given settings are the first, those for hard objects the last.
 fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
     let mut rng = ChaCha8Rng::seed_from_u64(effort.seed);
     let mut pick = |n: usize| ((u64::from(rng.next_u32()) * n as u64) >> 32) as usize;
@@ -378,7 +377,7 @@ fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
     let tries = 20 * effort.candidates;
     for _ in 0..tries {
         if candidates.len() + 1 >= effort.candidates {
-            break; // the last place is for hard things
+            break; // the last place is for hard objects
         }
         let mut candidate = config.clone();
         if let Some(model) = CONTACTS.get(pick(CONTACTS.len() + 1)) {
@@ -392,7 +391,7 @@ fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
         estimator.torque_std.iter_mut().for_each(|std| *std *= scale);
         estimator.replays = REPLAYS[pick(REPLAYS.len())];
         let fits = candidate.contact.check().is_ok();
-        // The given settings again differ from themselves by the noise that is added.
+        // The first candidate is not compared: a copy of it will differ by the sensor noise that is added.
         if fits && !candidates[1..].contains(&candidate) {
             candidates.push(candidate);
         }
@@ -406,7 +405,7 @@ fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
     candidates
 }
 
-/// Sets a contact model, but for what the user has given.
+/// Sets the parameters of a contact model that the user has not given.
 fn set_contact(contact: &mut ContactConfig, model: [f64; 3], given: Given) {
     let [distance_m, friction, coulomb_friction] = model;
     if !given.contact_distance {

@@ -1,4 +1,4 @@
-//! A plant of known shape, seen from one side, comes back as the body that it is.
+//! The body of a simulated plant is reconstructed from a cloud of its seen side.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use nalgebra::{Point3, Vector3};
@@ -9,7 +9,7 @@ const BROWN: [u8; 3] = [110, 65, 30];
 const GREEN: [u8; 3] = [40, 110, 30];
 const EYE: Point3<f64> = Point3::new(-0.5, -0.6, 0.6);
 
-/// A cloud as a camera sees it: only what faces it.
+/// A cloud as a camera sees it: only surfaces that face the camera.
 struct Seen {
     eye: Point3<f64>,
     points: Vec<Point3<f64>>,
@@ -27,7 +27,7 @@ fn of_kind(kind: ObjectKind) -> ObjectHints {
 }
 
 impl Seen {
-    /// A tapering rod; what lies between two shares of its length is hidden.
+    /// A tapering rod; the part between two shares of its length (`hidden`) is not seen.
     fn rod(&mut self, from: [f64; 3], to: [f64; 3], radii: [f64; 2], hidden: [f64; 2]) {
         let (from, to) = (Point3::from(from), Point3::from(to));
         let axis = (to - from).normalize();
@@ -167,7 +167,7 @@ fn clouds_without_a_body_are_none_rather_than_a_panic() {
     for points in clouds {
         for colours in [vec![BROWN; points.len()], vec![GREEN; points.len()]] {
             for viewpoint in [None, Some(EYE)] {
-                // A body without meaning is allowed.
+                // Any body is allowed, also a meaningless one.
                 readings(&[Picture { points: &points, colours: &colours, viewpoint }], &plants);
             }
         }
@@ -213,7 +213,7 @@ fn a_camera_that_looked_elsewhere_changes_nothing() {
     let empty = Picture { points: &[], colours: &[], viewpoint: Some(Point3::new(1.0, 1.0, 1.0)) };
     let with_empty = readings(&[seen.picture(Some(EYE)), empty], &ObjectHints::default());
     assert_eq!(alone, with_empty);
-    // A close-up of the foot says nothing about what hides behind the leaf above.
+    // A close-up of the foot does not show the space behind the leaf above.
     let mut foot = Seen { eye: Point3::new(0.5, -0.3, 0.12), ..Seen::default() };
     foot.rod([0.5, 0.0, 0.1], [0.5, 0.0, 0.14], [0.012, 0.01168], [2.0, 3.0]);
     let with_foot = [seen.picture(Some(EYE)), foot.picture(Some(foot.eye))];
@@ -245,7 +245,7 @@ fn a_plant_hangs_from_its_root_wherever_that_is() {
     heights.sort_by(f64::total_cmp);
     assert_eq!(heights.len(), 2, "{heights:?}");
     assert!((heights[0] - 0.1).abs() < 0.01 && (heights[1] - 0.6).abs() < 0.01, "{heights:?}");
-    // Far from all wood: held there all the same.
+    // A root far from all wood is used, too.
     let hints = ObjectHints { roots_m: vec![[0.5, 0.0, 0.0].into()], ..ObjectHints::default() };
     let body = &readings(&[seen.picture(Some(EYE))], &hints)[0];
     assert_eq!(body.segments()[0].start_m, [0.5, 0.0, 0.0]);
@@ -301,7 +301,7 @@ fn a_cushion_is_blocks_whose_tops_are_where_its_surface_was_seen_in_two_material
         let off = middle.z + block.radius_m - height(middle.x, middle.y);
         assert!(off.abs() < 0.004, "{off} m at {middle}");
         let steep = block.axis().z / block.axis().x - 0.25 * (middle.x * 5.0).cos();
-        // The side that was seen tilts the block at that corner a little.
+        // Points of the seen side tilt the block at that corner a little.
         assert!(steep.abs() < 0.1, "{steep} at {middle}");
         if (middle.x - 0.2).abs() > 0.02 {
             assert_eq!(*tree == body.trees()[0], middle.x < 0.2, "{middle}");

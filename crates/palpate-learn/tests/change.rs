@@ -1,4 +1,4 @@
-//! From the torques of a field that was changed on purpose it follows what was changed.
+//! The change of a field is found from the torques of the changed field.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -33,7 +33,7 @@ fn middle(tracked: &Tracked) -> [f64; 3] {
     [0, 1, 2].map(|axis| tracked.points_m.iter().map(|point| point[axis]).sum::<f64>() / n)
 }
 
-/// A field of all touched cells with three lumps, whose held-out touches were off by a little.
+/// A field of all touched cells with three lumps, and small misfits of its held-out touches.
 fn field(tracked: &Tracked) -> Field {
     let n = tracked.cells.len();
     let config = MapperConfig::of(EstimatorKind::Map);
@@ -108,7 +108,8 @@ fn what_was_changed_is_named() {
     let comparison = found(&moved(&field, motion), 1.0);
     let Change::Moved(back) = comparison.change else { panic!("{comparison:?}") };
     let centre = back.about_m;
-    // The same point goes to the same place, whatever the turn is about.
+    // The two motions have different centres of turn, so they are compared by where they move one
+    // point.
     let goes = |motion: Motion| {
         let (sin, cos) = motion.turn_rad.sin_cos();
         let [x, y] = [centre[0] - motion.about_m[0], centre[1] - motion.about_m[1]];
@@ -147,24 +148,24 @@ fn a_repeated_touch_is_compared_with_the_earlier_torques_however_bad_the_field_i
         assert!(found.contradiction > 1.0, "{found:?}");
         let off = (wanted - 1.0_f64).abs() / wanted;
         assert!((found.error.repeated.unwrap() - off).abs() < 1e-6, "{found:?}");
-        // By the earlier torques, although the field predicts otherwise.
+        // Judged by the earlier torques, although the field predicts others.
         let (Change::Softer { factor } | Change::Harder { factor }) = found.change else {
             panic!("{wanted}: {found:?}")
         };
         assert!((factor - wanted).abs() < 1e-9, "{found:?}");
     }
-    // A change of one touch alone leaves the other as it was.
+    // A change in one touch does not affect the other.
     let mut new = learnt.clone();
     new.touches[1] = with_torques_of(tracked.clone(), &truth, 0.3).touches.remove(1);
     let of_one = compare((&arm, &new), &field, Some(&learnt), NEVER).unwrap().1;
     let Change::Softer { factor } = of_one.change else { panic!("{of_one:?}") };
     assert!((factor - 0.3).abs() < 1e-9 && of_one.error.scaled.unwrap() < 1e-6, "{of_one:?}");
-    // The torques, then and now, are so small that they may be noise alone.
+    // The earlier and the new torques are so small that they may be noise.
     let faint = with_torques_of(tracked.clone(), &truth, 1e-3);
     let none = with_torques_of(tracked.clone(), &truth, 0.0);
     let noisy = compare((&arm, &none), &field, Some(&faint), NEVER).unwrap().1;
     assert_eq!(noisy.change, Change::Unchanged, "{noisy:?}");
-    // Another path: nothing is repeated.
+    // A touch on another path repeats nothing.
     let config = MapperConfig::of(EstimatorKind::Map);
     let others = Tracked::new(&arm, &config, &common::touches(&[5]), NEVER).unwrap().thinned(4);
     assert_eq!(found(1.0, Some(&others)), alone);

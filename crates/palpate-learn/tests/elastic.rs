@@ -1,4 +1,4 @@
-//! A body whose touches are known: its constants come back, and no picture makes a field worse.
+//! Stiffness and contact of a simulated body are found again, and a wrong body does not make a field worse.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use std::sync::Arc;
@@ -59,7 +59,7 @@ fn config() -> MapperConfig {
     config
 }
 
-/// Touches of a body that is stiffer by a factor, with a friction.
+/// Simulated touches of a body that is stiffer by a factor, with this friction.
 fn touches(arm: &Arc<Arm>, factor: f64, friction: f64) -> Vec<Touch> {
     touches_of(&body(), arm, factor, friction)
 }
@@ -116,7 +116,7 @@ fn stiffness_and_friction_of_a_known_body_come_back() {
 #[test]
 fn a_field_with_its_body_predicts_what_was_predicted_of_the_touch_left_out() {
     let arm = arm();
-    // Twice as far, so that field, body and both have a share.
+    // Twice as far, so that field, body and both have a weight above 0.
     let mut touches = touches(&arm, 2.0, CONTACTS[1][0]);
     touches.iter_mut().flat_map(|touch| &mut touch.samples).for_each(|s| s.tau[0] += s.q[1]);
     let tracked = tracked(&arm, &body(), &touches);
@@ -158,7 +158,7 @@ fn touches_with_almost_no_torque_say_no_more_than_no_touch() {
 #[test]
 fn trees_of_unlike_stiffness_side_by_side_are_distinguished() {
     let arm = arm();
-    // The stem in the middle is three times as stiff as the others; a stem knows only its own springs.
+    // The stem in the middle is three times as stiff as the others.
     let stiffer = |segment: &Segment| Segment {
         joint_stiffness: segment.joint_stiffness * if segment.branch == 1 { 3.0 } else { 1.0 },
         ..segment.clone()
@@ -203,7 +203,7 @@ fn what_creeps_forgets_from_where_the_arm_came_and_what_does_not_remembers() {
     assert!(late < 0.1 * held && late < 0.5 * soon, "{held}, {soon} and {late} N");
 }
 
-/// The body higher up by so much, m.
+/// The body raised by this height, m.
 fn raised(by_m: f64) -> Arc<ElasticBody> {
     let body = body();
     let raised = body.segments().iter().map(|segment| {
@@ -310,7 +310,7 @@ fn a_path_bends_the_body_as_the_same_motion_does_step_by_step() {
             assert!(off < 0.01 * peak, "{} N·m, step by step {step}", point.torque);
         }
     }
-    // As much by the field alone, which has the body in it.
+    // A saved field contains the body, and gives the same torques.
     let of_field = PathPredictor::of_field(&arm, &field, 1.0, 1.0).unwrap();
     let found = of_field.ask(&path(&touches[3].samples), &exact).unwrap();
     for (point, step) in found.points.iter().zip(&steps) {
@@ -348,7 +348,7 @@ fn a_body_that_would_have_to_be_far_stiffer_is_none_even_after_a_single_touch() 
         palpate_learn::method::Method::Map.predict(&tracked, &fold, &config(), NEVER).unwrap();
     assert_eq!(found.constants.stiffness_factor(), 0.0);
     for (torque, map) in found.torques[0].iter().zip(&map[0]) {
-        // A third of it is the body alone, which says nothing.
+        // The weight of the body alone, whose torque is zero, reduces the prediction.
         assert!(torque[1].abs() <= map[1].abs() + 1e-9, "{torque:?}, {map:?}");
     }
 }

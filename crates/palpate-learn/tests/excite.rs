@@ -1,4 +1,4 @@
-//! A motion for identification keeps to what it is asked to keep to.
+//! A motion for identification keeps to its limits.
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 use palpate::{Arm, BakeConfig, Robot};

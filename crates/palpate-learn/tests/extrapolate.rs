@@ -1,4 +1,4 @@
-//! The stiffness of touched cells is carried over to untouched points, as torques, colours and places say.
+//! Stiffness is extrapolated to untouched points, from torques, colours and positions.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -64,7 +64,7 @@ fn two_colours_of_two_stiffnesses_are_distinguished_by_torque_alone() {
             Some(_) => 0.2 * scale,
             None => 0.0,
         };
-        // What the cells themselves are said to be does not matter.
+        // The stiffness of the field's cells does not matter.
         let tracked = with_torques_of(tracked.clone(), &k);
         extrapolate(&seen, &field(&tracked, |_| 0.0), Some(&tracked), &config).unwrap()
     };
@@ -79,7 +79,7 @@ fn two_colours_of_two_stiffnesses_are_distinguished_by_torque_alone() {
     };
     let [soft, stiff] = [mean(false), mean(true)];
     assert!((0.1..0.4).contains(&soft) && (2.0..4.0).contains(&stiff), "{soft} {stiff}");
-    // Three times the torque is three times the stiffness, and three times the doubt.
+    // Three times the torque gives three times the stiffness and the standard deviation.
     for point in (0..seen.len()).step_by(997) {
         for (one, three) in [
             (once.stiffness_n_per_m[point], thrice.stiffness_n_per_m[point]),
@@ -178,7 +178,7 @@ fn what_cannot_be_carried_over_is_refused_with_what_is_wrong() {
     let ExtrapolateError::Apart { gap_m, apart_m, .. } = &apart else { panic!("{apart}") };
     assert!(*gap_m > 3.0 && apart_m[0] == 0.0 && apart_m[1] > 3.0, "{apart}");
     assert!(apart.to_string().contains("miss each other by"), "{apart}");
-    // One point amid the touched cells' box, at none of them.
+    // One point inside the box of the touched cells, but near none of them.
     let corner = tracked.points_m.iter().fold([f64::INFINITY; 3], |low, point| {
         std::array::from_fn(|axis| low[axis].min(point[axis]))
     });

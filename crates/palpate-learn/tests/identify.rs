@@ -1,4 +1,4 @@
-//! What was put into simulated logs is found again, within the reported standard deviations.
+//! The parameters of simulated logs are found again, within the reported standard deviations.
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 use std::f64::consts::TAU;
@@ -57,7 +57,7 @@ impl Motion {
     }
 }
 
-/// Logs of the Gen3 with a payload, friction that turns over a distance, bias and delay, and 0.05 N·m of noise.
+/// Logs of the Gen3 with a payload, friction with a presliding distance, bias, delay, and 0.05 N·m of noise.
 fn logs(joints_that_move: usize, presliding: f64) -> Vec<Vec<Sample>> {
     let robot = Robot::built_in("kinova_gen3").unwrap();
     let last = robot.bodies().last().unwrap();
@@ -198,7 +198,7 @@ fn gains_of_currents_are_found_where_gravity_hardly_moves_a_joint() {
     let found = identify(&robot, &touches, &torques, &config, UNSTOPPED).unwrap();
     for (j, (joint, gain)) in found.joints.iter().zip(gains).enumerate() {
         let off = (joint.gain.value - gain).abs();
-        // Of the last one little is known: what gravity does there is next to nothing.
+        // The gain of the last joint is uncertain: its gravity torque is almost zero.
         let most = if j < 6 { 0.15 * gain } else { 0.7 * gain };
         assert!(off < most && off < 4.0 * joint.gain.std, "{:?}, put in {gain}", joint.gain);
     }
@@ -211,7 +211,7 @@ fn stamps_of_a_relay_are_as_good_as_those_of_the_robot() {
     let logs = logs(7, PRESLIDING);
     let every_fourth = |touch: &Vec<Sample>| touch.iter().step_by(4).cloned().collect();
     let read: Vec<Vec<Sample>> = logs.iter().map(every_fourth).collect();
-    // The robot speaks every 40 ms, the relay every 39 ms.
+    // The robot publishes every 40 ms, the relay every 39 ms.
     let relayed = |touch: &Vec<Sample>| {
         let at = |k: usize| {
             let time = 0.003 + 0.039 * k as f64;
@@ -249,7 +249,7 @@ fn the_time_window_serves_logs_of_lower_rates_too() {
     assert!(slower < 1.3 * own, "{own} N·m at 33 Hz, {slower} N·m at 25 Hz");
 }
 
-/// Causal torques stay the same if nothing follows; centred ones have the times at which joints were read.
+/// Causal torques do not depend on later samples; centred ones use the times at which joints were read.
 fn is_causal(model: &TorqueModel, touch: &[Sample]) {
     let robot = Robot::built_in("kinova_gen3").unwrap();
     let torques = ExternalTorqueConfig::default();

@@ -1,4 +1,4 @@
-//! What a motion would teach is what a Kalman filter would have learnt from it.
+//! The predicted gain of a motion is that of a Kalman filter.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
@@ -13,7 +13,7 @@ use palpate_learn::tracked::Tracked;
 const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
 const STD_N_PER_M: f64 = 1.5;
 
-/// Some frames of bundled touches as motions that were only planned; a number that comes twice is the same motion.
+/// Some frames of bundled touches as planned motions; a number that occurs twice gives the same motion twice.
 fn motions(numbers: &[usize]) -> (Tracked, Field) {
     let mut touches = common::touches(numbers);
     for sample in touches.iter_mut().flat_map(|touch| &mut touch.samples) {
@@ -26,7 +26,7 @@ fn motions(numbers: &[usize]) -> (Tracked, Field) {
     (tracked, field)
 }
 
-/// H of all frames of a motion in contact: rows a joint of a frame each, columns cells.
+/// H of all frames of a motion in contact: a row for each joint in each frame, a column for each cell.
 fn levers(tracked: &Tracked, motion: usize) -> DMatrix<f64> {
     let mut cells: Vec<Cell> =
         tracked.points_m.iter().map(|point| Cell::new(*point, 0.0)).collect();
@@ -54,7 +54,7 @@ fn the_variance_that_is_left_is_that_of_a_kalman_filter() {
     let found = judge.rank((&[0, 1], 2), &task, Criterion::Variance, NEVER).unwrap();
     let h: Vec<DMatrix<f64>> = (0..3).map(|motion| levers(&tracked, motion)).collect();
     let p = STD_N_PER_M * STD_N_PER_M;
-    // tr(H P Hᵀ) of the task after the motions, by the formula with all of them at once.
+    // tr(H P Hᵀ) of the task after the motions, computed with all motions at once.
     let left = |made: &[usize]| {
         let before = (&h[2] * h[2].transpose()).trace() * p;
         let rows: usize = made.iter().map(|motion| h[*motion].nrows()).sum();

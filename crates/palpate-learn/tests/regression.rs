@@ -17,7 +17,7 @@ fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(number).collect()
 }
 
-/// Rows are frames in the file, columns here.
+/// A matrix of the file; frames are rows there, and columns here.
 fn matrix(value: &Value) -> DMatrix<f64> {
     let frames: Vec<Vec<f64>> = value.as_array().unwrap().iter().map(numbers).collect();
     DMatrix::from_fn(frames[0].len(), frames.len(), |row, frame| frames[frame][row])

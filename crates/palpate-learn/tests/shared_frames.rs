@@ -1,5 +1,5 @@
-//! Frames that are tracked once teach and predict what each method would alone, and no touch under
-//! test is looked at.
+//! With frames that are tracked once, methods learn and predict as with frames of their own, and no
+//! touch under test is used for learning.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use std::collections::BTreeMap;
@@ -97,7 +97,7 @@ fn tracked(arm: &Arc<Arm>, config: &MapperConfig, touches: &[Touch]) -> Tracked 
     tracked
 }
 
-/// What a mapper learns from some touches.
+/// The field that a mapper learns from touches.
 fn mapped<'a>(
     arm: &Arc<Arm>,
     config: &MapperConfig,
@@ -120,7 +120,7 @@ fn predicted(arm: &Arc<Arm>, field: &Field, touch: &Touch) -> Vec<Vec<f64>> {
     predictions.flatten().map(|frame| frame.predicted.as_slice().to_vec()).collect()
 }
 
-/// Cell by cell: the bits of stiffness and deviation, and the count.
+/// For each cell, the bits of stiffness and standard deviation, and the count.
 fn by_cell(field: &Field) -> BTreeMap<u32, (u64, u64, u32)> {
     let row = |(row, cell): (usize, &palpate::CellId)| {
         let bits = |numbers: &[f64]| numbers[row].to_bits();
@@ -270,7 +270,7 @@ fn a_part_of_another_shape_or_without_finite_torques_is_none_of_the_plan() {
 /// Number, positions, unwrapped positions, torques and targets of a frame.
 type Measured = (u32, Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>);
 
-/// What does not depend on the contact model.
+/// The part of a frame that does not depend on the contact model.
 fn measured(frame: &TrackedFrame) -> Measured {
     let tau = frame.observation.tau().as_slice().to_vec();
     (frame.sample, frame.q.clone(), frame.unwrapped.clone(), tau, frame.target.clone())
@@ -387,7 +387,7 @@ fn a_touch_under_test_has_no_say_in_its_own_prediction() {
     }
 }
 
-/// So many that two of them come to the last round.
+/// Number of candidates with which two reach the last round.
 const CANDIDATES: usize = 10;
 
 fn tuned(arm: &Arc<Arm>, config: &MapperConfig, touches: &[Touch], train: &[usize]) -> Tuned {
@@ -423,7 +423,7 @@ fn a_quick_search_scales_down_a_model_that_predicts_too_much() {
     assert_eq!(alike.trials.len(), Search::quick(&config, Given::default()).candidates());
     assert!(alike.trials[0].scores.len() == 2 && alike.config == alike.trials[0].config);
     assert_eq!(alike, chosen(&touches), "nothing is left to chance");
-    // Every other touch meets nothing: what the others teach says too much of it.
+    // Every other touch has no torque, so the others predict too much for it.
     for number in [1, 3] {
         let still = touches[number].samples[0].tau.clone();
         touches[number].samples.iter_mut().for_each(|sample| sample.tau.clone_from(&still));

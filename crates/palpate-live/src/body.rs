@@ -1,9 +1,9 @@
-//! The object as an elastic body, beside the mapper: one thread bends it with the arm, another learns it from
-//! the touches that are over. Both have a low priority, and threads of their own.
+//! The object as an elastic body, in addition to the mapper's field: one thread bends it with the arm, another
+//! learns it from completed touches. Both use thread pools of low priority.
 //!
-//! A body that has learnt a touch replaces the one before when the next touch begins, when both are at rest.
-//! Questions and viewers get the body as the arm bends it. The mapper knows no body: it goes on to learn
-//! the whole torque, and predicts the next sample from that.
+//! A newly learnt body replaces the previous one between touches, when the body is undeformed.
+//! Questions and viewers get the body as the arm bends it. The mapper does not use the body: it learns
+//! the whole external torque, and predicts the next sample from the field alone.
 
 use std::fmt::{self, Formatter};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -24,22 +24,22 @@ use crate::run::Mapped;
 use crate::session::State;
 use crate::threads::Shared;
 
-/// Samples that may wait for the body to be bent.
+/// Largest number of samples that wait for the body to be bent.
 const SAMPLES: usize = 4096;
-/// Between two samples that the body learns or is bent by, s, at least.
+/// Smallest interval between two samples that are learnt or bend the body, s.
 const EVERY_S: f64 = 0.009;
-/// Samples that wait while the body is still bent by each that is due.
+/// While more samples than this wait, they do not bend the body.
 const BACKLOG: usize = 100;
-/// Samples of a touch that are learnt; what comes after is left out.
+/// Largest number of samples of a touch that are learnt; later ones are left out.
 const MOST_SAMPLES: usize = 20_000;
-/// Touches that are remembered, and learnt from: the newest.
+/// Number of touches that are remembered and learnt from: the newest.
 const MOST_TOUCHES: usize = 32;
 /// Niceness of the threads that learn and bend.
 const NICE: i32 = 10;
-/// Between two looks at whether the session goes on.
+/// Interval between checks whether the session has ended.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// A body; start and end of each of its segments, m, world frame.
+/// A body, and start and end of each of its segments as it is bent, m, world frame.
 pub type BentBody = (Arc<ElasticBody>, Vec<[Point3<f64>; 2]>);
 
 /// An elastic body beside a running robot.
@@ -48,16 +48,16 @@ pub struct LiveBody {
     config: MapperConfig,
     mapped: Inbox<Mapped>,
     learnt: Mutex<Learnt>,
-    /// As the arm bends it.
+    /// The body as the arm bends it.
     bent: Mutex<Arc<Bent>>,
     to_learner: Sender<Vec<Sample>>,
     touches: Receiver<Vec<Sample>>,
 }
 
-/// What is known of the body.
+/// The body as learnt so far, and the touches.
 struct Learnt {
     model: Arc<ElasticModel>,
-    /// The newest touches: first those that the model has learnt, then those that wait for it.
+    /// The newest touches: first those that the model has learnt, then those that it has not.
     touches: Vec<Vec<Sample>>,
     waiting: usize,
 }
@@ -75,7 +75,7 @@ impl Bent {
 }
 
 impl LiveBody {
-    /// One of these bodies, the most likely first, which nobody has touched.
+    /// An untouched body; `bodies` are the shapes that it may have, the most likely first.
     ///
     /// # Errors
     ///
@@ -83,7 +83,7 @@ impl LiveBody {
     ///
     /// # Panics
     ///
-    /// Without a body.
+    /// If `bodies` is empty.
     pub fn new(
         arm: &Arc<Arm>,
         config: &MapperConfig,
@@ -93,7 +93,8 @@ impl LiveBody {
         Ok(Self::resumed(arm, config, Arc::new(model), Vec::new()))
     }
 
-    /// The body of a field, and the touches that the field holds: those that the body has learnt come first.
+    /// Resumes from the body of a saved field and the touches saved with it: those that the body has learnt
+    /// come first.
     pub fn resumed(
         arm: &Arc<Arm>,
         config: &MapperConfig,
@@ -114,42 +115,42 @@ impl LiveBody {
         }
     }
 
-    /// Gives a field the body as it is known now, and the touches of the session.
+    /// Adds the body as learnt so far, and the touches, to a field that will be saved.
     pub fn put_into(&self, saved: &mut Saved) {
         let learnt = lock(&self.learnt);
         saved.field.elastic = Some(Arc::clone(&learnt.model));
-        saved.field.calibration = None; // bands are of springs alone
+        saved.field.calibration = None; // bands are not defined for a field with a body
         saved.elastic_touches.clone_from(&learnt.touches);
         if let Some(snapshot) = &saved.snapshot {
-            // Touches that have begun since it was taken are not in it.
+            // The snapshot does not contain touches that began after it was taken.
             saved.elastic_touches.truncate(snapshot.touches as usize);
         }
     }
 
-    /// Touches that are over, and that the body has not learnt.
+    /// Number of completed touches that the body has not learnt yet.
     pub fn waiting(&self) -> usize {
         lock(&self.learnt).waiting
     }
 
-    /// The most likely body as the arm bends it; none if no body has a torque.
+    /// The most likely body as the arm bends it; `None` if no body has a torque.
     pub(crate) fn bent(&self) -> Option<BentBody> {
         let bent = Arc::clone(&lock(&self.bent));
         let body = bent.torque.body()?;
         Some((Arc::clone(body.body()), body.segments_m()))
     }
 
-    /// Where samples go once they are mapped.
+    /// The queue of mapped samples.
     pub(crate) fn mapped(&self) -> &Inbox<Mapped> {
         &self.mapped
     }
 
-    /// A path predictor that bends the body as well.
+    /// The path predictor, extended to bend the body too.
     pub(crate) fn with_body(&self, predictor: PathPredictor) -> PathPredictor {
         let bent = Arc::clone(&lock(&self.bent));
         predictor.with_body(&bent.model, bent.torque.clone())
     }
 
-    /// The thread that bends the body, and keeps the samples of touches.
+    /// The thread that bends the body and records the samples of touches.
     pub(crate) fn follow(&self, shared: &Shared) {
         let pool = nice_pool("bend");
         let mut now = Bent::clone(&lock(&self.bent));
@@ -163,7 +164,7 @@ impl LiveBody {
             };
             let dropped = self.mapped.dropped();
             if std::mem::replace(&mut lost, dropped) != dropped {
-                recorder = Recorder::default(); // where touches begin and end is not known
+                recorder = Recorder::default(); // the lost samples may have begun or ended a touch
                 shared.note("the elastic body does not keep up: a touch is not learnt by it");
             }
             if let Some(touch) = recorder.take(&mapped) {
@@ -177,7 +178,7 @@ impl LiveBody {
             }
             let at_s = mapped.sample.time_s;
             let is_due = at_s.zip(bent_s).is_none_or(|(now, last)| now - last >= EVERY_S);
-            // A body that is late goes on from the newest sample; at the end nobody asks any more.
+            // A backlog is skipped, and so are the last samples when the session ends.
             let is_late = self.mapped.len() > BACKLOG && !mapped.begins;
             if in_touch && mapped.is_usable && is_due && !is_late && shared.goes_on() {
                 let Ok(poses) = self.arm.robot.forward(&mapped.sample.q) else { continue };
@@ -193,7 +194,7 @@ impl LiveBody {
     }
 
     fn hand_over(&self, touch: Vec<Sample>, shared: &Shared) {
-        // The learner counts what waits once it has learnt something: by then this touch must be there.
+        // Locked before sending: the learner must find the touch in the list when it has learnt it.
         let mut learnt = lock(&self.learnt);
         match self.to_learner.try_send(touch.clone()) {
             Ok(()) => {
@@ -209,7 +210,8 @@ impl LiveBody {
     /// The thread that learns the body, touch by touch.
     pub(crate) fn learn(&self, shared: &Shared) {
         let pool = nice_pool("learn");
-        // Touches that were not simulated yet: at first all of the field, of which the last `new` wait.
+        // `pending`: touches not simulated yet, at first all that were saved. The last `new` of them are
+        // not learnt yet.
         let (mut learner, mut pending, mut new) = {
             let learnt = lock(&self.learnt);
             let learner = BodyLearner::new(&self.arm, &self.config, &learnt.model.bodies());
@@ -252,7 +254,7 @@ impl LiveBody {
                     if (learner.n_touches()..learner.n_touches() + pending.len())
                         .contains(&touch) =>
                 {
-                    // The others are learnt without it.
+                    // Leave this touch out; the others are learnt in the next pass.
                     let place = touch - learner.n_touches();
                     learnt.touches.remove(end - pending.len() + place);
                     let is_new = place + new >= pending.len();
@@ -270,7 +272,7 @@ impl LiveBody {
         }
     }
 
-    /// What is left to a learner that cannot go on: a thread that ends would end the session.
+    /// Reports an error and waits: if the thread returned, the session would end.
     fn wait_for_the_end(&self, shared: &Shared, error: &LearnError) {
         shared.note(format!("the elastic body learns no more: {error}"));
         while shared.goes_on() {
@@ -279,9 +281,9 @@ impl LiveBody {
     }
 }
 
-/// Threads of low priority; none if the system has none to spare.
+/// A thread pool of low priority; `None` if the system cannot start the threads.
 fn nice_pool(name: &'static str) -> Option<ThreadPool> {
-    // Of the thread alone; without the right to do so, it works all the same.
+    // Affects the calling thread only; a failure is ignored.
     let nice = |_| {
         let _ = rustix::process::setpriority_process(None, NICE);
     };
@@ -289,7 +291,7 @@ fn nice_pool(name: &'static str) -> Option<ThreadPool> {
     ThreadPoolBuilder::new().thread_name(name).start_handler(nice).build().ok()
 }
 
-/// Works on some threads, or on those of everyone.
+/// Runs `work` on a pool, or on the calling thread if there is none.
 fn on<T: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> T + Send) -> T {
     match pool {
         Some(pool) => pool.install(work),
@@ -303,12 +305,12 @@ impl fmt::Debug for LiveBody {
     }
 }
 
-/// No thread panics while it holds one of these; if one did, what it guards would still be whole.
+/// Locks a mutex. No thread panics while it holds the lock; after a panic the data would still be valid.
 fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
     of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Keeps the samples of touches: all of the tare, and then a hundred a second.
+/// Records the samples of a touch: all samples of the tare, then about 100 per second.
 #[derive(Default)]
 struct Recorder {
     touch: Vec<Sample>,
@@ -316,7 +318,7 @@ struct Recorder {
 }
 
 impl Recorder {
-    /// Takes the next sample; returns the touch that is over with it, if it has touched anything.
+    /// Takes the next sample; returns the touch that it ends, if there was a contact in it.
     fn take(&mut self, mapped: &Mapped) -> Option<Vec<Sample>> {
         let over = if mapped.begins || mapped.state == State::Waiting { self.end() } else { None };
         if mapped.begins {
@@ -335,7 +337,7 @@ impl Recorder {
         over
     }
 
-    /// The touch so far, if it has touched anything.
+    /// Ends the touch; returns its samples, if there was a contact.
     fn end(&mut self) -> Option<Vec<Sample>> {
         let touch = std::mem::take(&mut self.touch);
         std::mem::take(&mut self.touches_anything).then_some(touch)

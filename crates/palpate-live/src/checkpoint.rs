@@ -1,7 +1,7 @@
-//! Checkpoints: the field as it is, on disk every so often, whole or not at all.
+//! Checkpoints: the field is saved to a file at regular intervals, never partially.
 //!
-//! The mapper only hands over a copy; a thread of its own writes it, under a temporary name that is
-//! renamed once the file is complete. If a checkpoint is still being written when the next is due,
+//! The mapper only hands over a copy; another thread writes it to a temporary file, which is
+//! renamed once it is complete. If a checkpoint is still being written when the next is due,
 //! the next one waits.
 
 use std::path::{Path, PathBuf};
@@ -14,26 +14,26 @@ use palpate_io::field::{self, Saved};
 
 use crate::body::LiveBody;
 
-/// Where checkpoints go, and how often.
+/// File and interval of the checkpoints.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CheckpointConfig {
     /// The field's file.
     pub path: PathBuf,
-    /// Time between two.
+    /// Time between two checkpoints.
     pub every: Duration,
 }
 
-/// The mapper's side.
+/// The mapper's side: decides when a checkpoint is due, and hands it over.
 #[derive(Debug)]
 pub(crate) struct Checkpoints {
     every: Duration,
     last: Instant,
-    /// Checkpoints handed over.
+    /// Number of checkpoints handed over.
     number: u64,
     to_writer: Sender<(u64, Saved)>,
 }
 
-/// What came of the last one: its number, and when it was written or why not.
+/// Result of the last checkpoint: its number, and when it was written or why it was not.
 #[derive(Debug, Default)]
 pub(crate) struct Written {
     last: Mutex<Option<(u64, Result<Instant, String>)>>,
@@ -42,33 +42,33 @@ pub(crate) struct Written {
 }
 
 impl Checkpoints {
-    /// The mapper's side, and what it hands over to [`write`].
+    /// The mapper's side, and the receiver for [`write`].
     pub(crate) fn new(config: &CheckpointConfig) -> (Self, Receiver<(u64, Saved)>) {
         let (to_writer, from_mapper) = bounded(1);
         (Self { every: config.every, last: Instant::now(), number: 0, to_writer }, from_mapper)
     }
 
-    /// Hands a checkpoint over if one is due and the last one is written.
+    /// Hands over a checkpoint if one is due and no earlier one waits for the writer.
     pub(crate) fn tick(&mut self, checkpoint: impl FnOnce() -> Saved) {
         if self.last.elapsed() >= self.every {
             let _ = self.now(checkpoint);
         }
     }
 
-    /// Hands a checkpoint over if the last one is taken, and says under which number it will be written.
+    /// Hands over a checkpoint and returns its number; `None` if an earlier one still waits for the writer.
     pub(crate) fn now(&mut self, checkpoint: impl FnOnce() -> Saved) -> Option<u64> {
         if !self.to_writer.is_empty() {
             return None;
         }
         self.last = Instant::now();
         self.number += 1;
-        // There is room, since nobody else sends, and the writer stays for as long as the mapper.
+        // The channel is empty, since only the mapper sends; the writer runs as long as the mapper.
         let _ = self.to_writer.try_send((self.number, checkpoint()));
         Some(self.number)
     }
 }
 
-/// Writes what is handed over, with the elastic body if there is one, until nobody is left to do so.
+/// Writes each checkpoint, with the elastic body if there is one, until the mapper's side is dropped.
 pub(crate) fn write(
     path: &Path,
     (from_mapper, body): (Receiver<(u64, Saved)>, Option<&LiveBody>),
@@ -82,20 +82,20 @@ pub(crate) fn write(
 }
 
 impl Written {
-    /// Age of the last one, s.
+    /// Age of the last checkpoint, s; `None` if it was not written.
     pub(crate) fn age_s(&self) -> Option<f64> {
         let last = self.lock();
         Some(last.as_ref()?.1.as_ref().ok()?.elapsed().as_secs_f64())
     }
 
-    /// What came of a checkpoint, or of a later one, once it is known.
+    /// Result of this checkpoint or of a later one; `None` until one of them is finished.
     pub(crate) fn result(&self, number: u64) -> Option<Result<(), String>> {
         let last = self.lock();
         let (written, result) = last.as_ref()?;
         (*written >= number).then(|| result.as_ref().map(|_| ()).map_err(Clone::clone))
     }
 
-    /// Why the last one could not be written, once.
+    /// Why the last checkpoint could not be written; each failure is returned once.
     pub(crate) fn failure(&self) -> Option<String> {
         let last = self.lock();
         let (number, result) = last.as_ref()?;

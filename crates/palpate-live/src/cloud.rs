@@ -1,14 +1,14 @@
-//! What the arm touches and the field near it, as clouds of points.
+//! The contacts, and the field near them, as point clouds.
 
 use nalgebra::Vector3;
 use palpate::Mapper;
 
 use crate::message::{Header, PointCloud2};
 
-/// So far from the contacts the field is shown, m.
+/// The published part of the field: the bounding box of the contacts, enlarged by this, m.
 const NEAR_M: f64 = 0.15;
 
-/// The contacts now: rest point (m), displacement (m), K and its standard deviation (N/m).
+/// The present contacts: rest point (m), displacement (m), K and its standard deviation (N/m).
 pub(crate) fn contacts(mapper: &Mapper, header: &Header) -> PointCloud2 {
     let lattice = &mapper.config().lattice;
     let mut points = Vec::new();
@@ -24,8 +24,8 @@ pub(crate) fn contacts(mapper: &Mapper, header: &Header) -> PointCloud2 {
     PointCloud2::of(header.clone(), names, &points)
 }
 
-/// The field within a hand's breadth of what is touched now: point (m), K and its standard
-/// deviation (N/m), and the frames that touched it; `None` if nothing is touched.
+/// The field near the present contacts: rest point (m), K and its standard deviation (N/m), and the
+/// number of frames that touched the cell; `None` without contact.
 pub(crate) fn field_near_contacts(mapper: &Mapper, header: &Header) -> Option<PointCloud2> {
     let lattice = &mapper.config().lattice;
     let links = mapper.contacts().links;

@@ -1,4 +1,4 @@
-//! How a session goes, for the tools of ROS that watch robots.
+//! State and figures of a session as ROS diagnostics.
 
 use crate::figures::Figures;
 use crate::message::{DiagnosticArray, DiagnosticStatus, Header, KeyValue, Stamp};
@@ -7,7 +7,7 @@ use crate::session::State;
 const OK: u8 = 0;
 const WARNING: u8 = 1;
 const ERROR: u8 = 2;
-/// Without a joint state for so long, s, nothing is mapped.
+/// Time without a joint state after which a warning is published, s.
 const SILENT_S: f64 = 1.0;
 
 /// Figures as a diagnostic message.
@@ -52,7 +52,7 @@ pub(crate) fn of(figures: &Figures, robot: &str, header: Header) -> DiagnosticAr
     DiagnosticArray { header, status: vec![status] }
 }
 
-/// The guard's flag, and why it is up, at a moment.
+/// The guard's flag, and the cause if it is up, as a diagnostic message.
 pub(crate) fn of_guard(cause: Option<&str>, stamp: Stamp) -> DiagnosticArray {
     let (level, message) = match cause {
         Some(cause) => (ERROR, cause.to_owned()),

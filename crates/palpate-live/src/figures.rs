@@ -1,4 +1,4 @@
-//! What is reported of a live session: notes, and figures of rates, latencies, losses and errors.
+//! Reports of a live session: notes, and figures of rates, latencies, losses and errors.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
@@ -7,64 +7,64 @@ use serde::Serialize;
 
 use crate::session::{State, StepOutcome};
 
-/// Steps that latencies are taken over.
+/// Number of the latest steps over which latencies are evaluated.
 const WINDOW: usize = 2000;
 
 /// A report while a session runs.
 #[derive(Debug, Clone)]
 pub enum News {
-    /// How it goes.
+    /// Rates, latencies, losses and errors.
     Figures(Box<Figures>),
-    /// Something that the user may want to do something about.
+    /// A message to the user.
     Note(String),
 }
 
-/// A median and a rare worst case, ms.
+/// Median and 99th percentile of times, ms.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Spread {
-    /// Half take longer.
+    /// Median, ms.
     pub median: f64,
-    /// One in a hundred does.
+    /// 99th percentile, ms.
     pub p99: f64,
 }
 
-/// How a session goes.
+/// Figures of a session.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Figures {
-    /// Since the start, s.
+    /// Time since the start, s.
     pub seconds: f64,
-    /// What the session does.
+    /// State of the session.
     pub state: State,
-    /// Messages that came.
+    /// Number of messages received.
     pub received: u64,
-    /// Since the last one that could be decoded, or since the start, s.
+    /// Time since the last message that could be decoded, or since the start, s.
     pub silent_s: f64,
-    /// Of the last second or so, Hz.
+    /// Rate of messages over about the last half second, Hz.
     pub rate_hz: f64,
-    /// Samples that came and left unused since they came too fast.
+    /// Samples that were dropped because the mapper did not keep up.
     pub dropped: u64,
-    /// Messages that never came, by their numbers.
+    /// Messages that never came, according to gaps in their sequence numbers.
     pub lost: u64,
     /// Messages that could not be used, by reason.
     pub refused: BTreeMap<&'static str, u64>,
-    /// Samples that were followed.
+    /// Samples processed by the session.
     pub mapped: u64,
     /// Touches begun.
     pub touches: u64,
-    /// Points touched now.
+    /// Number of cells touched now.
     pub contacts: usize,
-    /// Cells touched so far.
+    /// Number of cells touched so far.
     pub cells: usize,
-    /// From the arrival of a sample to the publishing of its prediction.
+    /// Time from the arrival of a sample to the publishing of its prediction.
     pub latency_ms: Spread,
-    /// A step of the mapper.
+    /// Duration of a step of the mapper.
     pub step_ms: Spread,
-    /// Visits of remembered frames a sample, of the last second or so.
+    /// Replays of remembered frames per sample, over about the last half second.
     pub replays: f64,
-    /// Mean norm of τ̂ − τ_ext over the steps that touched something, N·m, each predicted before it
-    /// was learnt from.
+    /// Mean norm of τ̂ − τ_ext over the steps with contact, N·m; each sample is predicted before it
+    /// is learnt.
     pub avg_error: Option<f64>,
-    /// The same of predicting zero.
+    /// Mean norm of τ_ext over the same steps, N·m: the error of predicting zero.
     pub zero_avg_error: Option<f64>,
     /// Norm of τ_ext now, N·m.
     pub external_n_m: Option<f64>,
@@ -72,27 +72,28 @@ pub struct Figures {
     pub predicted_n_m: Option<f64>,
     /// Whether the guard's flag is up.
     pub stopped: bool,
-    /// And why.
+    /// Why the flag is up.
     pub stop: Option<String>,
-    /// Messages that had no room on the way out.
+    /// Messages that were not sent since a queue was full.
     pub unsent: u64,
     /// Age of the last checkpoint, s.
     pub checkpoint_s: Option<f64>,
 }
 
-/// Counts while a session runs.
+/// Collects the figures while a session runs.
 #[derive(Debug)]
 pub struct Tally {
-    /// The figures that are counted, or follow from the last sample alone.
+    /// Counts, and values of the last sample; the other figures are computed on request.
     figures: Figures,
     started: Instant,
     replays: u64,
     latencies_ms: VecDeque<f64>,
     steps_ms: VecDeque<f64>,
-    /// Errors of the steps that touched something, summed: of the prediction, and of zero.
+    /// Sums of the errors of the steps with contact, N·m: of the prediction, and of predicting
+    /// zero.
     errors: [f64; 2],
     steps_in_contact: u64,
-    /// When rates were last taken, and messages and replays until then.
+    /// Time at which rates were last computed, and messages and replays until then.
     last: (Instant, u64, u64),
 }
 
@@ -113,7 +114,7 @@ impl Default for Tally {
 }
 
 impl Tally {
-    /// A sample that was mapped, what came of it, and how long that took.
+    /// Counts a mapped sample, with its outcome and duration.
     pub fn step(&mut self, outcome: &StepOutcome, took: Duration) {
         keep(&mut self.steps_ms, took);
         let figures = &mut self.figures;
@@ -131,24 +132,24 @@ impl Tally {
         }
     }
 
-    /// A prediction that was published so long after its sample came.
+    /// Counts a published prediction; `after` is its latency.
     pub fn published(&mut self, after: Duration) {
         keep(&mut self.latencies_ms, after);
     }
 
-    /// So many replays of remembered frames.
+    /// Counts replays of remembered frames.
     pub fn replayed(&mut self, replays: u32) {
         self.replays += u64::from(replays);
     }
 
-    /// A message that could not be used; whether it is the first for this reason.
+    /// Counts a message that cannot be used; returns whether it is the first for this reason.
     pub fn refuse(&mut self, reason: &'static str) -> bool {
         let count = self.figures.refused.entry(reason).or_default();
         *count += 1;
         *count == 1
     }
 
-    /// The figures after so many messages; what this does not know is left at its default.
+    /// The figures after `received` messages; those not collected here have default values.
     pub fn figures(&mut self, received: u64) -> Figures {
         let (before, received_before, replays_before) = self.last;
         let elapsed_s = before.elapsed().as_secs_f64();

@@ -1,13 +1,13 @@
-//! A queue between two threads that never blocks the one that fills it.
+//! A queue between two threads that never blocks the producer.
 //!
-//! Its capacity is fixed: when a consumer is slow, the oldest items leave and are counted, and the
-//! newest are kept, since what matters of a running robot is where it is now.
+//! Its capacity is fixed: if the consumer is slow, the oldest items are dropped and counted. The
+//! newest are kept, since the present state of the robot matters most.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// A bounded queue that keeps the newest.
+/// A bounded queue that keeps the newest items.
 #[derive(Debug)]
 pub struct Inbox<T> {
     queue: Mutex<Queue<T>>,
@@ -23,13 +23,13 @@ struct Queue<T> {
 }
 
 impl<T> Inbox<T> {
-    /// An empty one for at most so many items, at least one.
+    /// An empty queue; a capacity of 0 is taken as 1.
     pub fn new(capacity: usize) -> Self {
         let queue = Mutex::new(Queue { items: VecDeque::new(), dropped: 0, woken: false });
         Self { queue, filled: Condvar::new(), capacity: capacity.max(1) }
     }
 
-    /// Puts an item in; if there are too many, the oldest leaves.
+    /// Adds an item; drops the oldest one if the queue is full.
     pub fn push(&self, item: T) {
         let mut queue = self.lock();
         if queue.items.len() >= self.capacity {
@@ -41,8 +41,8 @@ impl<T> Inbox<T> {
         self.filled.notify_one();
     }
 
-    /// Takes the oldest out, waiting for one for at most so long, or until somebody calls
-    /// [`Inbox::wake`].
+    /// Removes the oldest item; waits for one for at most `patience`, or until [`Inbox::wake`] is
+    /// called.
     pub fn pop(&self, patience: Duration) -> Option<T> {
         let queue = self.lock();
         let nothing = |queue: &mut Queue<T>| queue.items.is_empty() && !queue.woken;
@@ -52,28 +52,28 @@ impl<T> Inbox<T> {
         queue.items.pop_front()
     }
 
-    /// Ends the wait for an item, this one or the next: there is something else to do.
+    /// Ends the present or the next wait in [`Inbox::pop`] early.
     pub fn wake(&self) {
         self.lock().woken = true;
         self.filled.notify_one();
     }
 
-    /// Items that wait.
+    /// Number of items that wait.
     pub fn len(&self) -> usize {
         self.lock().items.len()
     }
 
-    /// Whether none waits.
+    /// Whether no item waits.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Items that had to leave so far.
+    /// Number of items dropped so far.
     pub fn dropped(&self) -> u64 {
         self.lock().dropped
     }
 
-    /// No thread panics while it holds the lock; if one did, the queue would still be whole.
+    /// No thread panics while it holds the lock; after a panic the queue would still be valid.
     fn lock(&self) -> MutexGuard<'_, Queue<T>> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -1,4 +1,4 @@
-//! From joint states to samples: what of a stream may be learnt from.
+//! Converts joint states to samples.
 //!
 //! A joint state that cannot be used is refused with a reason; the next one is read as usual.
 
@@ -7,18 +7,18 @@ use palpate_io::log::{JointNameError, reorder};
 
 use crate::message::JointState;
 
-/// A stamp that is so much earlier than the last is a clock that was set back; one that is less
-/// so, a message that came late.
+/// A stamp earlier than the last one by at least this much, s, means that the clock was set back; a
+/// stamp earlier by less, that the message came late.
 const SET_BACK_S: f64 = 1.0;
 
-/// Why a joint state is no sample.
+/// Why a joint state is not used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub(crate) enum Refusal {
     #[error("{0}; is this the right topic (--joint-states), and the right robot (--robot)?")]
     Joints(#[from] JointNameError),
-    /// Publishers of a gripper, or of a controller that knows no torques.
+    /// Typical of publishers of grippers, or of controllers without torques.
     #[error(
         "it holds {found} {what} for {wanted} joints; positions and efforts of all joints are \
          needed: does the driver publish them, or is it another topic (--joint-states)?"
@@ -38,7 +38,7 @@ pub(crate) enum Refusal {
 }
 
 impl Refusal {
-    /// A short name to count by.
+    /// A short name, under which refused messages are counted.
     pub(crate) fn name(&self) -> &'static str {
         match self {
             Self::Joints(_) | Self::Renamed { .. } => "joints",
@@ -57,7 +57,8 @@ pub(crate) struct JointReader {
     /// Names in the last message, and where the robot's joints are among them.
     names: Vec<String>,
     order: Vec<usize>,
-    /// What the robot's joints were called in the first message: those of another arm are not taken for them.
+    /// Names of the robot's joints in the last accepted message: joints of another arm, whose names would also
+    /// match, are refused.
     called: Vec<String>,
     last_s: Option<f64>,
 }
@@ -67,23 +68,23 @@ pub(crate) struct JointReader {
 pub(crate) struct Read {
     /// The sample.
     pub sample: Sample,
-    /// Whether the clock was set back before it: nothing goes on from what came before.
+    /// Whether the clock was set back before it; the sample then does not continue the earlier ones.
     pub set_back: bool,
 }
 
 impl JointReader {
-    /// A reader for a robot of these joints.
+    /// A reader for a robot with these joints.
     pub(crate) fn new(joints: Vec<String>) -> Self {
         Self { joints, names: Vec::new(), order: Vec::new(), called: Vec::new(), last_s: None }
     }
 
-    /// The sample of a joint state, in the robot's order of joints.
+    /// Converts a joint state to a sample, in the robot's order of joints.
     ///
-    /// `received_s` is the time of its arrival, s, for messages that nobody stamped.
+    /// `received_s` is the time of its arrival, s, used for messages without a stamp.
     ///
     /// # Errors
     ///
-    /// Why it cannot be used; the reader is then as before.
+    /// If it cannot be used.
     pub(crate) fn read(&mut self, state: &JointState, received_s: f64) -> Result<Read, Refusal> {
         let (q, tau) = self.joints(state)?;
         for (what, numbers) in [("position", &q), ("effort", &tau)] {
@@ -94,12 +95,12 @@ impl JointReader {
         Ok(Read { sample: Sample::new(Some(now_s), q, tau), set_back })
     }
 
-    /// Positions and efforts of a joint state, in the robot's order of joints, whatever its stamp and
-    /// its numbers are.
+    /// Positions and efforts of a joint state, in the robot's order of joints. Stamp and values are not
+    /// checked.
     ///
     /// # Errors
     ///
-    /// If it does not hold all joints.
+    /// If joints are missing, the lengths differ, or the joints are those of another arm.
     pub(crate) fn joints(&mut self, state: &JointState) -> Result<(Vec<f64>, Vec<f64>), Refusal> {
         let wanted = state.name.len();
         for (what, numbers) in [("positions", &state.position), ("efforts", &state.effort)] {
@@ -112,7 +113,7 @@ impl JointReader {
             let called: Vec<String> =
                 order.iter().map(|&place| state.name[place].clone()).collect();
             let mut pairs = called.iter().zip(&self.called);
-            // The robot's own names are its own whatever came first.
+            // The exact names of the robot are accepted even after other names.
             if called != self.joints
                 && let Some((now, before)) = pairs.find(|(now, before)| now != before)
             {
@@ -125,7 +126,7 @@ impl JointReader {
         Ok((pick(&state.position), pick(&state.effort)))
     }
 
-    /// A joint that messages call otherwise than the robot does, and what they call it.
+    /// A joint whose name in the messages differs: its name in the URDF, and in the messages.
     pub(crate) fn other_name(&self) -> Option<(&str, &str)> {
         let mut pairs = self.joints.iter().zip(&self.called);
         pairs.find(|(own, called)| own != called).map(|(own, called)| (&own[..], &called[..]))
@@ -138,7 +139,7 @@ impl JointReader {
         }
     }
 
-    /// Takes the next stamp; whether it was set back.
+    /// Takes the next stamp; returns whether the clock was set back.
     fn tick(&mut self, now_s: f64) -> Result<bool, Refusal> {
         let set_back = match self.last_s {
             Some(last_s) if now_s == last_s => return Err(Refusal::Duplicate { now_s }),

@@ -1,31 +1,31 @@
-//! palpate beside a running robot.
+//! Maps while the robot moves.
 //!
-//! Joint states come in over ROS 2 (DDS, in pure Rust), and torques, contacts, the field near them
-//! and diagnostics go out; meanwhile the mapper learns.
+//! Receives joint states over ROS 2 (DDS, in pure Rust), learns the field from them, and publishes
+//! torques, contacts, the field near the contacts, and diagnostics.
 //!
 //! | module           | what it does                                                    |
 //! |------------------|-----------------------------------------------------------------|
 //! | [`session`]      | the mapper, sample by sample: pauses, tares, faults, the guard  |
-//! | `joints`         | which joint states are samples                                  |
-//! | [`ros`]          | the network, in a process of its own: what comes, what goes out |
-//! | [`guard`]        | a flag to stop, up until it is known to be safe                 |
+//! | `joints`         | turns joint states into samples, or refuses them with a reason  |
+//! | [`ros`]          | the ROS 2 network, in a separate process: receives, publishes   |
+//! | [`guard`]        | the stop flag: up unless moving on is known to be safe          |
 //! | [`run`]          | starts the threads                                              |
-//! | `mapping`        | the thread that maps                                            |
-//! | `threads`        | the threads that listen and publish, and what all share         |
-//! | `outbox`, [`inbox`] | what waits to be published, and to be mapped                 |
-//! | [`message`]      | messages of ROS, as bytes                                       |
-//! | `cloud`, `diagnostics` | the field as a point cloud; how it goes, for ROS          |
-//! | [`AskSocket`]    | questions about planned motions                                 |
-//! | `question`       | their form, and that of the answers                             |
-//! | [`LiveBody`]     | the object as an elastic body, bent and learnt                  |
-//! | `services`       | requests of ROS that take time                                  |
-//! | `wrench`         | what the object exerts on the links                             |
-//! | [`checkpoint`]   | the field on disk, now and then                                 |
-//! | [`figures`]      | how it goes                                                     |
+//! | `mapping`        | the mapper's thread                                             |
+//! | `threads`        | the threads that receive and publish; state shared by all       |
+//! | [`inbox`], `outbox` | bounded queue between threads; messages to be published      |
+//! | [`message`]      | ROS 2 messages                                                  |
+//! | `cloud`, `diagnostics` | point clouds and diagnostic messages for ROS              |
+//! | [`AskSocket`]    | the Unix socket that answers questions about planned motions    |
+//! | `question`       | JSON form of these questions and answers                        |
+//! | [`LiveBody`]     | the object as an elastic body: bends it, learns it              |
+//! | `services`       | the thread for ROS services that take time                      |
+//! | `wrench`         | wrenches of the object on the links                             |
+//! | [`checkpoint`]   | saves the field to a file at regular intervals                  |
+//! | [`figures`]      | rates, latencies, losses and errors of the session              |
 //! | [`view_feed`]    | frames for a viewer                                             |
 //!
-//! The crate knows no terminal and no settings file; `palpate live` is made of it.
-#![deny(unsafe_code)] // but for a line in `ros::loopback`
+//! The crate uses no terminal and no settings file; the command `palpate live` is built on it.
+#![deny(unsafe_code)] // except one line in `ros::loopback`
 
 mod body;
 pub mod checkpoint;

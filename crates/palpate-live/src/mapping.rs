@@ -1,7 +1,7 @@
-//! The thread that maps: samples and requests in; torques, clouds, figures and checkpoints out.
+//! The mapper's thread: takes samples and requests; produces torques, clouds, figures and checkpoints.
 //!
-//! Replays fill the time until the next sample; when samples come faster than they can be mapped, it
-//! makes none.
+//! Replays fill the time until the next sample; if samples come faster than they can be mapped, no
+//! replays are made.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -28,19 +28,20 @@ use crate::timer::Timer;
 use crate::view_feed::ViewFeed;
 use crate::wrench::{with_released, wrenches};
 
-/// The mapper's wait for a sample, and so the longest that a question waits for the mapper.
+/// Largest wait for a sample; requests are answered in between.
 const PAUSE: Duration = Duration::from_millis(2);
-/// Between two sets of figures.
+/// Interval between two reports of figures.
 const FIGURES: Duration = Duration::from_millis(200);
-/// Between two diagnostics.
+/// Interval between two diagnostic messages.
 const DIAGNOSTICS: Duration = Duration::from_secs(1);
-/// Between two clouds of contacts, and two of the field.
+/// Interval between two clouds of contacts.
 const CONTACTS: Duration = Duration::from_millis(100);
+/// Interval between two clouds of the field.
 const FIELD: Duration = Duration::from_secs(1);
-/// Samples that wait while clouds are still made.
+/// While more samples than this wait, no clouds are made.
 const BACKLOG: usize = 4;
 
-/// The session and all that the mapper's thread needs beside it.
+/// The session, and the state of the mapper's thread.
 pub(crate) struct Mapping<'a> {
     shared: &'a Shared,
     session: Session,
@@ -51,17 +52,17 @@ pub(crate) struct Mapping<'a> {
     mapped: Option<Arc<Inbox<Mapped>>>,
     body: Option<Arc<LiveBody>>,
     requests: Receiver<Request>,
-    /// Whether the user has read which joints messages name otherwise than the robot.
+    /// Whether it was reported that the messages use other joint names than the URDF.
     noted_names: bool,
-    /// Whether the user has read how torques should be read.
+    /// Whether it was reported that sign or gravity of the torques seem wrong.
     noted_misread: bool,
     /// Frame and stamp of the last sample.
     header: Header,
     /// Joint positions of the last sample.
     q: Vec<f64>,
-    /// When the last joint state came; at first, when it began.
+    /// Arrival of the last decoded joint state; before the first, the start of the session.
     heard: Instant,
-    /// Links that touched something when wrenches were published last.
+    /// Links in contact when wrenches were last published.
     pressed: Vec<String>,
     figures_due: Timer,
     diagnostics_due: Timer,
@@ -102,7 +103,7 @@ impl<'a> Mapping<'a> {
         }
     }
 
-    /// Maps until the session ends; returns it, whose touch has ended.
+    /// Maps until the session is stopped; ends its touch and returns it.
     pub(crate) fn run(mut self) -> Session {
         while self.shared.goes_on() {
             if self.shared.tare.swap(false, Ordering::Relaxed) {
@@ -111,7 +112,7 @@ impl<'a> Mapping<'a> {
                     .note("a tare at the next pause, as asked: the arm must stand still, free");
             }
             self.answer_requests();
-            // Somebody waits for an answer, but nobody for replays.
+            // Answers to questions are urgent, replays are not.
             let answering = self.shared.answering.load(Ordering::Relaxed) > 0;
             let spare = self.session.has_spare() && !answering;
             let patience = if spare { Duration::ZERO } else { PAUSE };
@@ -132,10 +133,10 @@ impl<'a> Mapping<'a> {
         self.session
     }
 
-    /// Hands out what questions need.
+    /// Answers the waiting requests to the mapper.
     fn answer_requests(&mut self) {
         while let Ok(request) = self.requests.try_recv() {
-            // Whoever asks may have left.
+            // Sending fails if the client has disconnected.
             match request {
                 Request::Predictor(cluster_weight, to_asker) => {
                     let predictor = self.session.mapper().coarse_path_predictor(cluster_weight);
@@ -151,7 +152,7 @@ impl<'a> Mapping<'a> {
         }
     }
 
-    /// Maps a joint state, or counts it as one that cannot be used.
+    /// Maps a joint state, or counts it as refused.
     fn take(&mut self, JointMessage { state, came, at }: JointMessage) {
         let state = match state {
             Ok(state) => state,
@@ -208,7 +209,7 @@ impl<'a> Mapping<'a> {
         self.publish(outcome, came);
     }
 
-    /// Publishes what came of a sample.
+    /// Publishes the outcome of a sample.
     fn publish(&mut self, outcome: StepOutcome, came: Arrival) {
         if let Some((external, predicted)) = outcome.torques {
             self.shared.outbox.torques.push(Torques {
@@ -232,14 +233,14 @@ impl<'a> Mapping<'a> {
         }
     }
 
-    /// Counts a message that cannot be used, and reports the first for each reason.
+    /// Counts a message that cannot be used; reports the first one for each reason.
     fn refuse(&mut self, reason: &'static str, why: &str) {
         if self.tally.refuse(reason) {
             self.shared.note(format!("a message cannot be used: {why} (reported once)"));
         }
     }
 
-    /// Clouds, figures, diagnostics and checkpoints, where they are due.
+    /// Produces the clouds, figures, diagnostics and checkpoints that are due.
     fn report(&mut self) {
         let (shared, session, now) = (self.shared, &self.session, Instant::now());
         while let Some(latency) = shared.latencies.pop(Duration::ZERO) {
@@ -248,7 +249,7 @@ impl<'a> Mapping<'a> {
         if let Some(checkpoints) = &mut self.checkpoints {
             checkpoints.tick(|| Saved::of_mapper(session.mapper()));
         }
-        // Whatever is late is later still if clouds are made meanwhile.
+        // With a backlog of samples, clouds would delay them further.
         if shared.samples.len() <= BACKLOG && session.state() == State::Mapping {
             self.publish_clouds(now);
         }
@@ -266,7 +267,7 @@ impl<'a> Mapping<'a> {
         }
     }
 
-    /// What is touched now, and the field near it.
+    /// Publishes the present contacts, the wrenches, and the field near the contacts, if due.
     fn publish_clouds(&mut self, now: Instant) {
         let (outbox, mapper) = (&self.shared.outbox, self.session.mapper());
         if self.contacts_due.is_due(now) {

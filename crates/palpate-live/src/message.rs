@@ -1,7 +1,7 @@
-//! The ROS 2 messages that palpate sends and receives, field by field as their packages define them.
+//! The ROS 2 messages that palpate sends and receives, with the fields that their packages define.
 //!
-//! Serialized by ros2-client as CDR. Only what is read or written here; arrays that palpate does
-//! not look at are still there, since CDR has no names to skip by.
+//! ros2-client serializes them as CDR. Fields that palpate does not use are declared too: CDR has
+//! no field names, so no field can be skipped.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -19,24 +19,24 @@ pub use trajectory::{
 pub struct Stamp {
     /// Seconds since the epoch of the clock.
     pub sec: i32,
-    /// And nanoseconds.
+    /// Nanoseconds in addition to the seconds.
     pub nanosec: u32,
 }
 
 impl Stamp {
-    /// By the system's clock.
+    /// The present time of the system clock.
     pub fn now() -> Self {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         Self { sec: since.as_secs() as i32, nanosec: since.subsec_nanos() }
     }
 
-    /// At so many seconds since the epoch of the clock.
+    /// A time in seconds since the epoch of the clock.
     pub fn at(seconds: f64) -> Self {
         let whole = seconds.floor();
         Self { sec: whole as i32, nanosec: ((seconds - whole) * 1e9) as u32 }
     }
 
-    /// As seconds; `None` for zero, which means that nobody stamped the message.
+    /// The time in seconds; `None` for zero, which means that the message has no stamp.
     pub fn seconds(self) -> Option<f64> {
         let seconds = f64::from(self.sec) + f64::from(self.nanosec) * 1e-9;
         (self != Self::default()).then_some(seconds)
@@ -46,31 +46,31 @@ impl Stamp {
 /// `std_msgs/msg/Header`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Header {
-    /// When it was.
+    /// Time of the data.
     pub stamp: Stamp,
-    /// Whose coordinates they are.
+    /// Coordinate frame of the data.
     pub frame_id: String,
 }
 
 /// `sensor_msgs/msg/JointState`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointState {
-    /// When the joints were so.
+    /// Time of the joint state.
     pub header: Header,
-    /// Their names.
+    /// Joint names.
     pub name: Vec<String>,
-    /// rad or m; empty if unknown.
+    /// Joint positions, rad or m; empty if unknown.
     pub position: Vec<f64>,
-    /// rad/s or m/s; empty if unknown.
+    /// Joint velocities, rad/s or m/s; empty if unknown.
     pub velocity: Vec<f64>,
-    /// N·m or N; empty if unknown.
+    /// Joint efforts, N·m or N; empty if unknown.
     pub effort: Vec<f64>,
 }
 
 impl Message for JointState {}
 
 impl JointState {
-    /// Torques of joints at the time of a sample.
+    /// A joint state that contains only efforts.
     pub fn of_torques(header: Header, names: &[String], effort: Vec<f64>) -> Self {
         Self { header, name: names.to_vec(), effort, ..Self::default() }
     }
@@ -79,31 +79,31 @@ impl JointState {
 /// `control_msgs/msg/InterfaceValue`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct InterfaceValue {
-    /// Such as `position`, `velocity` and `effort`.
+    /// Interface names, such as `position`, `velocity` and `effort`.
     pub interface_names: Vec<String>,
-    /// Their values.
+    /// One value for each interface.
     pub values: Vec<f64>,
 }
 
 /// `control_msgs/msg/DynamicJointState`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct DynamicJointState {
-    /// When the joints were so.
+    /// Time of the joint state.
     pub header: Header,
-    /// Their names, and those of whatever else has interfaces.
+    /// Names of the joints, and of other components with interfaces.
     pub joint_names: Vec<String>,
-    /// What is known of each.
+    /// The interfaces of each joint, in the same order.
     pub interface_values: Vec<InterfaceValue>,
 }
 
 impl Message for DynamicJointState {}
 
 impl DynamicJointState {
-    /// The joints of which position and effort are known.
+    /// The joints that have both a position and an effort.
     ///
     /// # Errors
     ///
-    /// If there are more names than values somewhere, or fewer.
+    /// If the number of names differs from the number of values.
     pub fn joint_state(self) -> Result<JointState, String> {
         let (names, values) = (self.joint_names.len(), self.interface_values.len());
         if names != values {
@@ -143,16 +143,16 @@ impl Message for Clock {}
 /// `geometry_msgs/msg/Wrench`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Wrench {
-    /// N.
+    /// Force, N.
     pub force: [f64; 3],
-    /// N·m.
+    /// Torque, N·m.
     pub torque: [f64; 3],
 }
 
 /// `geometry_msgs/msg/WrenchStamped`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct WrenchStamped {
-    /// When, and in the coordinates of which link.
+    /// Time, and the link in whose frame the wrench is given.
     pub header: Header,
     /// The wrench.
     pub wrench: Wrench,
@@ -163,36 +163,36 @@ impl Message for WrenchStamped {}
 /// `sensor_msgs/msg/PointField`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PointField {
-    /// Its name.
+    /// Name of the field.
     pub name: String,
-    /// Byte within a point.
+    /// Offset from the start of a point, bytes.
     pub offset: u32,
-    /// 7: `f32`.
+    /// Type of the values; 7 is `f32`.
     pub datatype: u8,
-    /// Numbers.
+    /// Number of values.
     pub count: u32,
 }
 
 /// `sensor_msgs/msg/PointCloud2`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PointCloud2 {
-    /// When, and in whose coordinates.
+    /// Time and coordinate frame.
     pub header: Header,
-    /// 1: the points have no order of rows.
+    /// Number of rows; 1 for an unordered cloud.
     pub height: u32,
-    /// Points.
+    /// Number of points.
     pub width: u32,
-    /// What a point holds.
+    /// The fields of a point.
     pub fields: Vec<PointField>,
-    /// Order of bytes.
+    /// Whether the data is big-endian.
     pub is_bigendian: bool,
-    /// Bytes of a point.
+    /// Size of a point, bytes.
     pub point_step: u32,
-    /// Bytes of all.
+    /// Size of a row, bytes.
     pub row_step: u32,
-    /// The points.
+    /// The points, as bytes.
     pub data: Vec<u8>,
-    /// Whether all are finite.
+    /// Whether all values are finite.
     pub is_dense: bool,
 }
 
@@ -202,7 +202,7 @@ impl Message for PointCloud2 {}
 const FLOAT32: u8 = 7;
 
 impl PointCloud2 {
-    /// Points of so many named `f32` each.
+    /// A cloud whose points have `N` named `f32` values.
     pub fn of<const N: usize>(header: Header, names: [&str; N], points: &[[f32; N]]) -> Self {
         let float = size_of::<f32>() as u32;
         let field = |(place, name): (usize, &&str)| PointField {
@@ -248,33 +248,33 @@ impl Message for Text {}
 /// `diagnostic_msgs/msg/KeyValue`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct KeyValue {
-    /// What.
+    /// Name of the value.
     pub key: String,
-    /// How much.
+    /// The value, as text.
     pub value: String,
 }
 
 /// `diagnostic_msgs/msg/DiagnosticStatus`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DiagnosticStatus {
-    /// 0 well, 1 a warning, 2 an error.
+    /// 0: OK, 1: warning, 2: error.
     pub level: u8,
-    /// Which component reports.
+    /// The component that reports.
     pub name: String,
-    /// In a line.
+    /// Summary in one line.
     pub message: String,
-    /// Of which arm.
+    /// Name of the robot.
     pub hardware_id: String,
-    /// Figures.
+    /// Names and values.
     pub values: Vec<KeyValue>,
 }
 
 /// `diagnostic_msgs/msg/DiagnosticArray`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DiagnosticArray {
-    /// When.
+    /// Time of the report.
     pub header: Header,
-    /// The reports.
+    /// One status for each component.
     pub status: Vec<DiagnosticStatus>,
 }
 
@@ -283,7 +283,7 @@ impl Message for DiagnosticArray {}
 /// The request of `std_srvs/srv/Trigger`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TriggerRequest {
-    /// A structure without a field cannot be sent.
+    /// Placeholder: a message must have a field.
     pub structure_needs_at_least_one_member: u8,
 }
 
@@ -292,9 +292,9 @@ impl Message for TriggerRequest {}
 /// The response of `std_srvs/srv/Trigger`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TriggerResponse {
-    /// Whether it was done.
+    /// Whether the request was carried out.
     pub success: bool,
-    /// In words.
+    /// Explanation for the user.
     pub message: String,
 }
 

@@ -1,5 +1,5 @@
-//! Messages that wait to be sent to the network process. Torques queue up to a bound and the oldest leave; of
-//! clouds and diagnostics only the latest is kept.
+//! Messages that wait to be sent to the network process. Torques wait in a bounded queue, whose oldest are
+//! dropped; of all other messages only the latest is kept.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -8,21 +8,21 @@ use crate::inbox::Inbox;
 use crate::message::{DiagnosticArray, PointCloud2, WrenchStamped};
 use crate::ros::{NetworkProcess, ToNetwork, Torques};
 
-/// Torques that may wait.
+/// Capacity of the queue of torques.
 const TORQUES: usize = 256;
 
-/// Messages that wait, and whether the guard's flag was up when it was last sent.
+/// Messages that wait to be sent, and the state of the guard's flag as last sent.
 #[derive(Debug)]
 pub(crate) struct Outbox {
     /// The torques of samples.
     pub(crate) torques: Inbox<Torques>,
-    /// What the arm touches now.
+    /// The present contacts.
     pub(crate) contacts: Inbox<PointCloud2>,
-    /// The field near it.
+    /// The field near the contacts.
     pub(crate) field: Inbox<PointCloud2>,
-    /// What the object exerts on the links.
+    /// The wrenches of the object on the links.
     pub(crate) wrenches: Inbox<Vec<WrenchStamped>>,
-    /// How it goes.
+    /// Diagnostics of the session.
     pub(crate) diagnostics: Inbox<DiagnosticArray>,
     was_up: AtomicBool,
 }
@@ -48,13 +48,13 @@ impl Outbox {
         }
     }
 
-    /// Sends why the guard's flag is up, or that it is down.
+    /// Sends the guard's flag: up for a cause, down for `None`.
     pub(crate) fn flag(&self, network: &NetworkProcess, cause: Option<String>) {
         self.was_up.store(cause.is_some(), Ordering::Relaxed);
         network.send(&ToNetwork::Flag(cause));
     }
 
-    /// Sends the messages that wait, after waiting for torques for at most so long.
+    /// Sends the waiting messages; waits for torques for at most `patience`.
     pub(crate) fn empty(&self, network: &NetworkProcess, patience: Duration) {
         let now = Duration::ZERO;
         let waiting = [

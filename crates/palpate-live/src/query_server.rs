@@ -1,26 +1,26 @@
-//! Questions about planned motions while the robot moves, over a Unix socket: a line of JSON each
-//! way.
+//! Answers questions about planned motions while the robot moves, over a Unix socket: one line of
+//! JSON for each question and each answer.
 //!
 //! | a line with         | is answered with                                                          |
 //! |---------------------|---------------------------------------------------------------------------|
 //! | `{"path": [[q…]…]}` | `torque`, `torque_std` (N × n_joints, N·m, to a millionth), `contacts`, `known` (N), `goes_on`, `ms` |
-//! | `{"path_f64": "…"}` | the same, with `torque_f64` and `torque_std_f64`                          |
-//! | either, of a field with bands | `level`, `half_width` and `peak_half_width`, or both with `_f64`, as well (N × n_joints, N·m); `"level": 0.8` beside the path chooses the level |
+//! | `{"path_f64": "…"}` | the same, with `torque_f64` and `torque_std_f64` as base64                |
+//! | either, if the field has bands | also `level`, and `half_width` and `peak_half_width` (N × n_joints, N·m), or both with `_f64`; `"level": 0.8` beside the path chooses the level |
 //! | `{"tare": true}`    | `{"taring": true}`                                                        |
 //! | anything else       | `{"error": …}`, and the next line is read                                 |
 //!
-//! What ends in `_f64` are the bytes of the numbers as base64: float64, little-endian, point by
-//! point. For 200 points of 7 joints that saves Python two milliseconds of reading and writing
-//! numbers.
+//! Values whose names end in `_f64` are the bytes of the numbers as base64: float64, little-endian,
+//! point by point. For 200 points of 7 joints this saves a Python client 2 ms of formatting and
+//! parsing.
 //!
-//! A path is joint positions (N × n_joints, rad or m) in the order of the URDF, from where the arm
-//! is or from a place free of contact ([`palpate::PathPredictor`]). `"exact": true` beside it looks at
-//! every point with every spring, which takes some twenty times as long. ROS types would have to be
-//! built into every robot that asks; a socket and JSON are everywhere.
+//! A path is joint positions (N × n_joints, rad or m) in the order of the URDF. It starts where the
+//! arm is, or free of contact ([`palpate::PathPredictor`]). `"exact": true` beside it uses
+//! every point and every spring, which takes about twenty times as long. The interface is a socket
+//! with JSON because ROS message types would have to be built for every client.
 //!
-//! The mapper hands out what a question needs, some nanoseconds a touched cell, and goes on; the
-//! answer is computed by a thread of the connection and by all of rayon's that have time. Replays wait
-//! meanwhile, since nobody waits for them.
+//! The mapper only copies what a question needs, some nanoseconds for each touched cell, and
+//! continues; another thread computes the answer, with the threads of rayon. Replays pause
+//! meanwhile, since they are not urgent.
 
 use std::error::Error;
 use std::fmt::Display;
@@ -44,56 +44,58 @@ use crate::body::LiveBody;
 use crate::question::{MOST_POINTS, PathReply, Question};
 use crate::threads::{Shared, spawn};
 
-/// Who may ask at the same time.
+/// Largest number of connected clients.
 const MOST_ASKERS: usize = 8;
-/// Bytes of a number in the longest line, and of what else it holds.
+/// Bytes allowed for a number in the longest line.
 const NUMBER: usize = 26;
+/// Bytes allowed for the rest of the longest line.
 const REST: usize = 4096;
-/// How long the mapper may take to hand out a path predictor, and an asker to read its answer.
+/// Largest time for the mapper to hand out a path predictor, and for a client to take its answer.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Between two looks at whether the session goes on.
+/// Interval between checks whether the session has ended.
 const LOOK: Duration = Duration::from_millis(50);
-/// Between two looks at whether somebody connects.
+/// Interval between checks for new connections.
 const ACCEPT: Duration = Duration::from_millis(2);
 
-/// Asks the mapper's thread for the field and the arm as they are, with one spring in so many.
+/// A request to the mapper's thread.
 #[derive(Debug)]
 pub(crate) enum Request {
-    /// A path predictor with clusters of that weight.
+    /// Hand out a path predictor with clusters of this weight, in average springs.
     Predictor(f64, Sender<PathPredictor>),
-    /// That the field is saved, with the number that it is written under; `None` if the last one is not written yet.
+    /// Save the field; the answer is the number of the checkpoint, or `None` if the previous one is not written
+    /// yet.
     Save(Sender<Option<u64>>),
 }
 
-/// How far a joint of a path may be beyond its limits, rad or m: arms stand there now and then.
+/// Largest distance of a path beyond a joint limit, rad or m: real arms exceed the limits slightly.
 const LIMIT_MARGIN: f64 = 0.05;
 
-/// Answers questions; knows the session's side of it.
+/// Answers the questions of all connections.
 #[derive(Clone)]
 pub(crate) struct QueryServer<'a> {
-    /// The mapper's thread.
+    /// Requests to the mapper's thread.
     pub(crate) mapper: Sender<Request>,
-    /// Whether its path predictors can answer a path.
+    /// Checks whether a path can be predicted.
     pub(crate) checker: PathChecker,
     pub(crate) shared: &'a Shared,
     pub(crate) body: Option<Arc<LiveBody>>,
 }
 
-/// The socket, which goes away with this.
+/// The socket; dropping it removes its file.
 #[derive(Debug)]
 pub struct AskSocket {
     listener: UnixListener,
     path: PathBuf,
-    /// Device and number of its file.
+    /// Device and inode of its file.
     file: (u64, u64),
 }
 
 impl AskSocket {
-    /// Opens a socket. One that a process which is no more has left behind is replaced.
+    /// Opens a socket. The file of a socket whose process has ended is replaced.
     ///
     /// # Errors
     ///
-    /// If somebody listens there already, or it cannot be made.
+    /// If another process listens there, another file is there, or the socket cannot be created.
     pub fn bind(path: &Path) -> io::Result<Self> {
         use std::os::unix::fs::FileTypeExt;
         if let Ok(metadata) = path.symlink_metadata() {
@@ -106,7 +108,7 @@ impl AskSocket {
             }
             std::fs::remove_file(path)?;
         }
-        // For its owner alone, from the moment that it is there.
+        // Only the owner may access the file, from its creation on.
         let umask = rustix::process::umask(Mode::RWXG | Mode::RWXO | Mode::XUSR);
         let listener = UnixListener::bind(path);
         rustix::process::umask(umask);
@@ -116,7 +118,7 @@ impl AskSocket {
         Ok(Self { listener, path: path.to_owned(), file })
     }
 
-    /// Answers for as long as the session goes on.
+    /// Answers questions until the session ends.
     pub(crate) fn run(&self, server: &QueryServer<'_>) {
         let askers = &Askers::default();
         thread::scope(|scope| {
@@ -131,7 +133,7 @@ impl AskSocket {
                     continue;
                 };
                 spawn(scope, "answer", move || {
-                    // A client may leave in the middle of a line.
+                    // Errors are ignored: a client may disconnect at any time.
                     let conversation = || drop(converse(&asker, server));
                     if catch_unwind(AssertUnwindSafe(conversation)).is_err() {
                         server.shared.note("a question was not answered, by a defect of palpate");
@@ -142,25 +144,26 @@ impl AskSocket {
     }
 }
 
-/// Those who are connected.
+/// The connected clients.
 #[derive(Default)]
 struct Askers(Mutex<Vec<Seat>>);
 
-/// One of them, as the others see it.
+/// Entry of a client in the list of [`Askers`].
 struct Seat {
     stream: Arc<UnixStream>,
-    /// Since when it has asked nothing; `None` while it is answered.
+    /// Time since which it has asked nothing; `None` while it is being answered.
     idle: Option<Instant>,
 }
 
-/// One of them, as its own thread does.
+/// Handle of a client in the thread of its connection; dropping it removes the client from the list.
 struct Asker<'a> {
     askers: &'a Askers,
     stream: Arc<UnixStream>,
 }
 
 impl Askers {
-    /// Lets somebody in; if there are too many, the one that has asked nothing for longest leaves.
+    /// Adds a client. If the list is full, disconnects the client that has been idle for longest; returns
+    /// `None` if none is idle.
     fn admit(&self, stream: &Arc<UnixStream>) -> Option<Asker<'_>> {
         let mut seats = self.seats();
         if seats.len() >= MOST_ASKERS {
@@ -179,7 +182,7 @@ impl Askers {
 }
 
 impl Asker<'_> {
-    /// Notes whether it waits for an answer.
+    /// Records whether the client is idle, that is, does not wait for an answer.
     fn set_idle(&self, idle: bool) {
         let mut seats = self.askers.seats();
         if let Some(seat) = seats.iter_mut().find(|seat| Arc::ptr_eq(&seat.stream, &self.stream)) {
@@ -194,7 +197,7 @@ impl Drop for Asker<'_> {
     }
 }
 
-/// One of those that are counted, until it is dropped, by a panic too.
+/// Raises a count by one until it is dropped, also by a panic.
 struct Counted<'a>(&'a AtomicUsize);
 
 impl<'a> Counted<'a> {
@@ -212,21 +215,21 @@ impl Drop for Counted<'_> {
 
 impl Drop for AskSocket {
     fn drop(&mut self) {
-        // Somebody may have removed the file, and another process put its own there.
+        // The file may have been removed and replaced by that of another process.
         if file_at(&self.path).is_ok_and(|file| file == self.file) {
             let _ = std::fs::remove_file(&self.path);
         }
     }
 }
 
-/// Device and number of the file at a path, which no other file has.
+/// Device and inode of the file at a path, which identify it.
 fn file_at(path: &Path) -> io::Result<(u64, u64)> {
     use std::os::unix::fs::MetadataExt;
     let metadata = path.symlink_metadata()?;
     Ok((metadata.dev(), metadata.ino()))
 }
 
-/// Answers one asker, line by line.
+/// Answers one client, line by line.
 fn converse(asker: &Asker<'_>, server: &QueryServer<'_>) -> io::Result<()> {
     let stream = &*asker.stream;
     stream.set_nonblocking(false)?;
@@ -246,12 +249,12 @@ fn converse(asker: &Asker<'_>, server: &QueryServer<'_>) -> io::Result<()> {
             Ok(_) if line.ends_with(b"\n") => {
                 asker.set_idle(false);
                 let answer = answer(&line, server);
-                line = Vec::new(); // the longest would stay
+                line = Vec::new(); // frees the memory of a long line
                 asker.set_idle(true);
                 send(stream, answer)?;
             }
             Ok(_) => {}
-            // The rest of the line is still to come.
+            // The rest of the line has not arrived yet.
             Err(error)
                 if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {}
             Err(error) => return Err(error),
@@ -260,13 +263,13 @@ fn converse(asker: &Asker<'_>, server: &QueryServer<'_>) -> io::Result<()> {
     Ok(())
 }
 
-/// Writes a line.
+/// Sends a line.
 fn send(mut stream: &UnixStream, mut line: String) -> io::Result<()> {
     line.push('\n');
     stream.write_all(line.as_bytes())
 }
 
-/// The line that says why there is no answer.
+/// An answer that reports an error.
 fn error(why: impl Display) -> String {
     json!({ "error": why.to_string() }).to_string()
 }
@@ -290,7 +293,7 @@ fn answer(line: &[u8], server: &QueryServer<'_>) -> String {
 }
 
 impl QueryServer<'_> {
-    /// Works something out on a thread that nobody joins: the session does not wait for it at its end.
+    /// Computes something on a detached thread, so that the end of the session does not wait for it.
     fn aside<T: Send + 'static>(
         &self,
         work: impl FnOnce() -> Result<T, String> + Send + 'static,
@@ -298,7 +301,7 @@ impl QueryServer<'_> {
         let (to_asker, result) = bounded(1);
         let work = move || {
             let result = catch_unwind(AssertUnwindSafe(work));
-            let _ = to_asker.send(result); // the asker may have left
+            let _ = to_asker.send(result); // fails if the session has ended
         };
         thread::Builder::new().name("path".to_owned()).spawn(work).map_err(|e| e.to_string())?;
         loop {
@@ -310,14 +313,14 @@ impl QueryServer<'_> {
         }
     }
 
-    /// What torques a path would meet, as a line.
+    /// Predicts the torques along a path; returns the answer as a line.
     fn torques(&self, mut question: Question, started: Instant) -> Result<String, Box<dyn Error>> {
         let (path, form) = question.path(self.checker.n_joints())?;
         let answer = self.predict(path, question.exact)?;
         Ok(serde_json::to_string(&PathReply::new(&answer, (form, question.level), started)?)?)
     }
 
-    /// What torques a path would meet, by all springs or by clusters.
+    /// Predicts the torques along a path, with all springs (`exact`) or with clusters.
     pub(crate) fn predict(
         &self,
         path: Vec<Vec<f64>>,
@@ -336,7 +339,7 @@ impl QueryServer<'_> {
                 path[point][joint]
             ));
         }
-        // The mapper gets on with it while the path is checked.
+        // The mapper prepares the predictor while the path is checked.
         let (to_asker, from_mapper) = bounded(1);
         let request = Request::Predictor(cluster_weight, to_asker);
         self.mapper.send(request).map_err(|_| "the mapper has stopped")?;
@@ -352,7 +355,7 @@ impl QueryServer<'_> {
             };
             predictor.answer(&path).map_err(|error| error.to_string())
         };
-        // Replays do not wait for a body that is bent: that takes seconds for a long path.
+        // Replays continue while an elastic body is bent: that takes seconds for a long path.
         let is_short = self.body.is_none();
         let _answering = is_short.then(|| Counted::among(&self.shared.answering));
         self.aside(predict)
@@ -378,7 +381,7 @@ mod tests {
         mapper.unwrap().path_checker()
     }
 
-    /// A socket without a mapper; returns whether it was asked for a tare.
+    /// Runs a test against a socket without a mapper; returns whether a tare was requested.
     fn served(test: impl FnOnce(&Path)) -> bool {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ask");

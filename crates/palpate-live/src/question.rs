@@ -1,4 +1,4 @@
-//! A question about a planned path and its answer, as JSON; [`crate::query_server`] has the table.
+//! A question about a planned path and its answer, as JSON; [`crate::query_server`] documents them.
 
 use std::fmt::{self, Formatter};
 use std::marker::PhantomData;
@@ -11,18 +11,18 @@ use palpate::{PathPoint, PathPrediction};
 use serde::de::{Error, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
-/// Points of the longest path.
+/// Largest number of points of a path.
 pub(crate) const MOST_POINTS: usize = 100_000;
-/// Numbers of a point that are read at all; how many joints there are is checked later.
+/// Largest number of values of a point while parsing; the number of joints is checked later.
 const MOST_JOINTS: usize = 64;
 
-/// A line that was asked.
+/// A question: one line of JSON.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Question {
     path: Option<Points>,
     path_f64: Option<String>,
-    /// Level of the band, 0 to 1; the field's default if left out.
+    /// Level of the band, 0 to 1; the default level of the field if absent.
     pub(crate) level: Option<f64>,
     #[serde(default)]
     pub(crate) exact: bool,
@@ -30,16 +30,16 @@ pub(crate) struct Question {
     pub(crate) tare: bool,
 }
 
-/// How a path is written, and its torques are.
+/// Number format of a path and of the torques in its answer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Form {
-    /// A list of numbers a point.
+    /// One JSON list of numbers for each point.
     Lists,
-    /// The numbers' bytes as base64.
+    /// The bytes of all numbers (float64, little-endian) as base64.
     F64,
 }
 
-/// What is answered about a path.
+/// The answer about a path.
 #[derive(Debug, Serialize)]
 pub(crate) struct PathReply {
     #[serde(flatten)]
@@ -47,14 +47,14 @@ pub(crate) struct PathReply {
     contacts: Vec<usize>,
     known: Vec<usize>,
     goes_on: bool,
-    /// Of a field with bands.
+    /// The band, if the field has bands.
     #[serde(flatten)]
     band: Option<Band>,
-    /// Time that the answer took, ms.
+    /// Time to compute the answer, ms.
     ms: f64,
 }
 
-/// The band around the torques, and its level.
+/// Half-widths of the band around the torques (N × n_joints, N·m), and its level.
 #[derive(Debug, Serialize)]
 struct Band {
     level: f64,
@@ -62,14 +62,14 @@ struct Band {
     half_width: Option<Vec<Vec<f64>>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     half_width_f64: Option<String>,
-    /// Of the band for the largest torque of the path.
+    /// Half-widths of the band for the largest torque of the path.
     #[serde(skip_serializing_if = "Option::is_none")]
     peak_half_width: Option<Vec<Vec<f64>>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     peak_half_width_f64: Option<String>,
 }
 
-/// Torques and their standard deviations, as the path was written.
+/// Torques and their standard deviations, N·m, in the number format of the path.
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
 enum Torques {
@@ -78,7 +78,7 @@ enum Torques {
 }
 
 impl Question {
-    /// The path that is asked about, and how it is written.
+    /// The path of the question, and its number format.
     pub(crate) fn path(&mut self, n_joints: usize) -> Result<(Vec<Vec<f64>>, Form), String> {
         match (self.path.take(), self.path_f64.take()) {
             (Some(path), None) => Ok((path.0, Form::Lists)),
@@ -89,12 +89,12 @@ impl Question {
     }
 }
 
-/// A path of lists, whose memory is bounded while it is read: an empty list takes three bytes of a
-/// line, and ten times as many here.
+/// A path of lists, whose number of points is limited while parsing: an empty list takes three bytes
+/// in the line and ten times as many in memory.
 #[derive(Debug)]
 struct Points(Vec<Vec<f64>>);
 
-/// A point of a path.
+/// The values of one point of a path.
 struct Numbers(Vec<f64>);
 
 impl<'de> Deserialize<'de> for Points {
@@ -110,7 +110,7 @@ impl<'de> Deserialize<'de> for Numbers {
     }
 }
 
-/// Reads a list of at most so many.
+/// Parses a list of limited length.
 struct AtMost<T>(usize, PhantomData<T>);
 
 impl<T> AtMost<T> {
@@ -138,7 +138,7 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for AtMost<T> {
     }
 }
 
-/// The points of a path whose bytes are given as base64.
+/// Decodes the points of a path from base64.
 fn path_from(base64: &str, n_joints: usize) -> Result<Vec<Vec<f64>>, String> {
     const WANTED: &str = "wanted the path as float64, little-endian, point by point";
     if base64.len() / 4 * 3 > MOST_POINTS * 8 * n_joints.max(1) + 2 {
@@ -147,7 +147,7 @@ fn path_from(base64: &str, n_joints: usize) -> Result<Vec<Vec<f64>>, String> {
     let bytes = BASE64_STANDARD.decode(base64);
     let bytes = bytes.map_err(|error| format!("`path_f64` is no base64 ({error}); {WANTED}"))?;
     let (numbers, rest) = bytes.as_chunks::<8>();
-    let n_joints = n_joints.max(1); // a robot without joints has no path
+    let n_joints = n_joints.max(1); // chunks must not be empty; a robot without joints has no path
     if !rest.is_empty() || !numbers.len().is_multiple_of(n_joints) {
         return Err(format!(
             "`path_f64` has {} bytes, no multiple of the {} of a point of {n_joints} joints; {WANTED}",
@@ -161,11 +161,12 @@ fn path_from(base64: &str, n_joints: usize) -> Result<Vec<Vec<f64>>, String> {
 }
 
 impl PathReply {
-    /// An answer to a question that came at `started`, with the band of a level, if one is given.
+    /// The answer to a question received at `started`, with the band at `level`, or at the default level
+    /// of the field if `level` is `None`.
     ///
     /// # Errors
     ///
-    /// If the field has no band at that level.
+    /// If a level is given and the field has no band at that level.
     pub(crate) fn new(
         answer: &PathPrediction,
         (form, level): (Form, Option<f64>),
@@ -214,7 +215,7 @@ impl Band {
 }
 
 impl Torques {
-    /// Of the points of an answer.
+    /// The torques at the points of an answer.
     fn of(points: &[PathPoint], form: Form) -> Self {
         match form {
             Form::Lists => Self::Lists {
@@ -229,13 +230,13 @@ impl Torques {
     }
 }
 
-/// Numbers of every point, to a millionth: 17 digits take the reader a millisecond.
+/// The values of every point, rounded to 1e-6: parsing all 17 digits would take the reader 1 ms.
 fn lists<'a>(points: impl IntoIterator<Item = &'a DVector<f64>>) -> Vec<Vec<f64>> {
     let rounded = |number: &f64| (number * 1e6).round() / 1e6;
     points.into_iter().map(|point| point.iter().map(rounded).collect()).collect()
 }
 
-/// The bytes of all numbers.
+/// The bytes of all values (float64, little-endian) as base64.
 fn base64<'a>(points: impl IntoIterator<Item = &'a DVector<f64>>) -> String {
     let numbers = points.into_iter().flat_map(|point| point.iter());
     BASE64_STANDARD.encode(numbers.flat_map(|number| number.to_le_bytes()).collect::<Vec<_>>())

@@ -9,7 +9,7 @@
 //!                                           └──► news, to the caller
 //! ```
 //!
-//! Nobody waits for a slower thread: every queue is bounded and keeps the newest.
+//! No thread waits for a slower one: every queue is bounded, and most keep the newest items.
 
 use std::sync::Arc;
 use std::thread::{self, ScopedJoinHandle};
@@ -30,52 +30,52 @@ use crate::session::{Session, State};
 use crate::threads::{LOOK, Shared, listen, publish, spawn};
 use crate::view_feed::ViewFrame;
 
-/// How a session is run.
+/// Settings of a session.
 #[derive(Debug, Clone)]
 pub struct LiveConfig {
-    /// The topic of joint states; `None` takes the only one there is.
+    /// The topic of joint states; `None` takes the only one on the network.
     pub joint_states: Option<String>,
-    /// Samples that may wait for the mapper.
+    /// Largest number of samples that wait for the mapper.
     pub queue: usize,
-    /// Where checkpoints go, if anywhere.
+    /// File and interval of checkpoints; `None` for no checkpoints.
     pub checkpoint: Option<CheckpointConfig>,
-    /// Where frames for a viewer go, if anywhere.
+    /// Queue for frames of a viewer, if there is one.
     pub view: Option<Arc<Inbox<ViewFrame>>>,
-    /// Where samples go once they are mapped, if anywhere.
+    /// Queue for mapped samples, if the caller wants them.
     pub mapped: Option<Arc<Inbox<Mapped>>>,
     /// The object as an elastic body, if its shape is known.
     pub body: Option<Arc<LiveBody>>,
 }
 
-/// A sample, and what the session made of it.
+/// A mapped sample and its outcome.
 #[derive(Debug, Clone)]
 pub struct Mapped {
     /// The sample.
     pub sample: Sample,
-    /// Points that it touches.
+    /// Number of cells that it touches.
     pub contacts: usize,
-    /// What the session does since.
+    /// State of the session after the sample.
     pub state: State,
     /// Whether a touch begins with it.
     pub begins: bool,
-    /// The samples of the pause that this touch begins with, it among them; empty if none begins, or without
-    /// a pause.
+    /// Samples of the pause with which a touch begins, including this one; empty if no touch begins, or if it
+    /// begins without a pause.
     pub tare: Vec<Sample>,
-    /// Whether the session could use it.
+    /// Whether the session could use the sample.
     pub is_usable: bool,
 }
 
-/// Questions that may wait.
+/// Largest number of requests that wait for the mapper.
 const REQUESTS: usize = 16;
 
-/// Maps what a robot publishes until `stop` is true; returns the session, whose touch has ended, and
-/// the defect that ended it before, if one did.
+/// Maps what a robot publishes until `stop` returns true; returns the session, whose touch is ended, and
+/// the error if a thread panicked, which ends the session early.
 ///
-/// `report` is called on this thread, and may take its time.
+/// `report` is called on the calling thread, and may block.
 ///
 /// # Errors
 ///
-/// If there is no network process, or it cannot join the network.
+/// If the network process cannot be started or cannot join the network, or the mapper's thread panicked.
 pub fn run(
     network: &NetworkProcess,
     session: Session,
@@ -146,7 +146,7 @@ pub fn run(
     })
 }
 
-/// Ends all threads when their scope is left, even by a panic: the scope waits for them.
+/// Ends all threads when their scope is left, also by a panic: otherwise the scope would wait forever.
 struct EndOnDrop<'a>(&'a Shared);
 
 impl Drop for EndOnDrop<'_> {

@@ -1,4 +1,4 @@
-//! The thread that answers requests of ROS which take time: to save the field, and about trajectories.
+//! The thread that answers the slow ROS services: saving the field, and torques along a trajectory.
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -16,23 +16,23 @@ use crate::query_server::{QueryServer, Request as ToMapper};
 use crate::ros::{Asked, NetworkProcess, Request, Response, ToNetwork};
 use crate::threads::LOOK;
 
-/// Requests that may wait.
+/// Largest number of requests that wait for an answer.
 pub(crate) const REQUESTS: usize = 8;
-/// How long a field may take to be written.
+/// Largest time to write the field, before the request is answered with an error.
 const WRITING: Duration = Duration::from_secs(30);
 
-/// What answers them.
+/// Answers the requests.
 pub(crate) struct Services<'a> {
-    /// What the socket is answered by.
+    /// Predicts torques; shared with the socket.
     pub(crate) queries: QueryServer<'a>,
     /// Names of the joints.
     pub(crate) joints: Vec<String>,
-    /// Whether the field has a file.
+    /// Whether the field is saved to a file (`--output`).
     pub(crate) has_file: bool,
 }
 
 impl Services<'_> {
-    /// Answers for as long as the session goes on.
+    /// Answers requests until the session ends.
     pub(crate) fn run(&self, network: &NetworkProcess, asked: &Receiver<Asked>) {
         while self.queries.shared.goes_on() {
             match asked.recv_timeout(LOOK) {
@@ -51,7 +51,7 @@ impl Services<'_> {
         }
     }
 
-    /// Has the field written, and waits until it is.
+    /// Has the field written, and waits until this is done.
     fn save(&self) -> TriggerResponse {
         let done = match self.has_file {
             true => self.saved(),
@@ -95,7 +95,7 @@ impl Services<'_> {
         })
     }
 
-    /// What torques a trajectory would meet.
+    /// Predicts the torques along a trajectory.
     fn predicted(&self, request: AskTrajectoryRequest) -> Result<AskTrajectoryResponse, String> {
         let AskTrajectoryRequest { trajectory, level } = request;
         if !(0.0..1.0).contains(&level) {
@@ -147,8 +147,8 @@ impl Services<'_> {
         })
     }
 
-    /// The positions of the robot's joints, point by point; as many a point as there are names, which the network process
-    /// has seen to.
+    /// Positions at each point, in the robot's order of joints. Every point has as many positions as there
+    /// are joint names: the network process has checked it.
     fn path(&self, trajectory: &JointTrajectory) -> Result<Vec<Vec<f64>>, String> {
         let names = &trajectory.joint_names;
         let order = reorder(&self.joints, names).map_err(|error| error.to_string())?;
@@ -158,7 +158,7 @@ impl Services<'_> {
         Ok(trajectory.points.iter().map(point).collect())
     }
 
-    /// The robot's joints along a trajectory, with efforts.
+    /// A trajectory in the robot's order of joints, with these efforts, one vector for each point.
     fn with_efforts<'a>(
         &self,
         trajectory: &JointTrajectory,

@@ -1,13 +1,13 @@
-//! The mapper beside a running robot, sample by sample, without threads or sockets.
+//! Mapping beside a running robot, sample by sample, without threads or sockets.
 //!
-//! A touch begins where the arm pauses and touches nothing ([`PauseDetector`]), or at any pause
-//! after somebody says so; until then, nothing is learnt. A sample that cannot be used is left out. If a
-//! touch can no longer be followed (it began without a pause, say), it ends, and the next pause begins
-//! another: nothing that was learnt is lost. An arm that is suddenly elsewhere, faster than its joints
-//! can turn or after a silence, has begun another recording: a touch begins there.
+//! A touch begins where the arm pauses without contact ([`PauseDetector`]), or at any pause after
+//! [`Session::wait`]; until then, nothing is learnt. A sample that cannot be used is left out. If a
+//! touch can no longer be followed (because it began without a pause, for instance), it ends, and the next
+//! pause begins another one; what was learnt is kept. If the joint positions jump, faster than the joints can
+//! move or after a silence, a new touch begins there, as at the start of another recording.
 //!
-//! Replays are made in spare time: [`Session::spare`] makes one at a time, while no sample waits, and
-//! at most those of the settings for each frame.
+//! Replays are made in spare time: the caller calls [`Session::spare`] while no sample waits. The
+//! number of replays for each frame is limited by the settings.
 
 use std::collections::VecDeque;
 
@@ -21,70 +21,73 @@ use serde::{Deserialize, Serialize};
 
 use crate::guard::{Guard, are_dead};
 
-/// So many samples of a pause are enough for the first tare; a pause of a second holds a thousand,
-/// and the mapper has other things to do. Those that follow it count as well.
+/// Largest number of samples of a pause that are used for the first tare, to save time: a pause of a
+/// second may have a thousand. Samples after the pause are used as well.
 const TARE_SAMPLES: usize = 100;
 
-/// An arm has jumped if a joint went so many times farther than its speed allows, and at least so
-/// far, rad or m: logs are played faster than they were recorded.
+/// A jump is a joint motion faster than the limit of speed times this factor: logs may be played
+/// faster than they were recorded.
 const TOO_FAST: f64 = 4.0;
+/// A motion smaller than this, rad or m, is no jump.
 const LEAST_JUMP: f64 = 0.2;
-/// After a silence of so long, s, it is unknown which way the arm has gone.
+/// After a silence longer than this, s, the path of the arm is unknown, at any speed.
 const GAP_S: f64 = 1.0;
-/// An arm that jumps so often in so long, s, is several.
+/// This many jumps within [`JUMPS_S`] mean that several drivers publish joint positions.
 const JUMPS: usize = 3;
+/// Window in which jumps are counted, s.
 const JUMPS_S: f64 = 2.0;
-/// Torques are read wrongly if those of an arm that stands still differ from gravity by so many times more than in another
-/// reading, and by so much, N·m.
+/// Sign or gravity of the torques is wrong if, for an arm at rest, another combination leaves a much
+/// smaller residual r: if the residual of the settings exceeds `MISREAD · r + LEAST_MISREAD`, N·m.
 const MISREAD: f64 = 3.0;
 const LEAST_MISREAD: f64 = 2.0;
-/// They are not if other readings leave so much more than theirs, N·m.
+/// They are right if all other combinations leave a residual larger by this, N·m.
 const CLEARED: f64 = 1.0;
-/// Speed of a joint of which the URDF says none, rad/s or m/s.
+/// Limit of speed of a joint without one in the URDF, rad/s or m/s.
 const FASTEST: f64 = 3.0;
 
-/// What the session does with the next sample.
+/// State of a session.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
-    /// Waits for the arm to pause.
+    /// Waits for a pause of the arm.
     #[default]
     Waiting,
-    /// Takes the tare.
+    /// Takes the tare of a touch.
     Taring,
-    /// Maps.
+    /// Learns from samples.
     Mapping,
 }
 
-/// What came of a sample.
+/// Outcome of a sample.
 #[derive(Debug, Clone, Default)]
 pub struct StepOutcome {
-    /// τ_ext and the τ̂ that was predicted before it was learnt from, n_joints, N·m; `None` unless
-    /// the session maps.
+    /// τ_ext, and τ̂ as predicted before the sample was learnt, n_joints, N·m; `None` unless the session
+    /// maps.
     pub torques: Option<(DVector<f64>, DVector<f64>)>,
-    /// Half-width of the band for largest torques around τ̂, n_joints, N·m, if the mapper reports one ([`Mapper::with_band`]).
+    /// Half-width of the band around τ̂ for the largest torque, n_joints, N·m, if the mapper reports it
+    /// ([`Mapper::with_band`]).
     pub peak_half_width: Option<DVector<f64>>,
-    /// Points touched.
+    /// Number of cells touched.
     pub contacts: usize,
-    /// Whether a touch begins with it.
+    /// Whether a touch begins with the sample.
     pub begins: bool,
-    /// The samples of the pause that this touch begins with, the last one among them; empty if none begins,
-    /// or without a pause.
+    /// Samples of the pause with which a touch begins, including this one; empty if no touch begins, or if it
+    /// begins without a pause.
     pub tare: Vec<Sample>,
-    /// How sure τ_ext is, and whether that is a contact, of an arm that was identified.
+    /// Standard deviation of τ_ext and detected contact, for an identified arm.
     pub detection: Option<Detection>,
-    /// Why it, or the touch that it belongs to, could not be followed.
+    /// Why the sample or its touch could not be followed.
     pub fault: Option<String>,
-    /// How its torques should be read, if otherwise than they are.
+    /// Report that sign or gravity of the torques seem wrong, with the flags that fit.
     pub misread: Option<String>,
 }
 
-/// How sure an external torque is, and what follows.
+/// Uncertainty of an external torque, and the detected contact.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Detection {
     /// Standard deviation of τ_ext, n_joints, N·m.
     pub std_n_m: Vec<f64>,
-    /// Whether something is touched: τ_ext passes the threshold at some joint.
+    /// Whether a contact is detected: |τ_ext| of some joint exceeds the threshold.
     pub touched: bool,
 }
 
@@ -92,45 +95,45 @@ pub struct Detection {
 pub struct Session {
     mapper: Mapper,
     pauses: PauseDetector,
-    /// As it is before the first sample.
+    /// The detector before the first sample, to reset `pauses`.
     no_pauses: PauseDetector,
     state: State,
-    /// Whether the touch has begun in a pause.
+    /// Whether the touch began in a pause.
     is_of_pause: bool,
-    /// The sample before.
+    /// The previous sample.
     last: Option<Sample>,
-    /// When the arm has jumped lately, s.
+    /// Times of the jumps within the last [`JUMPS_S`], s.
     jumps_s: VecDeque<f64>,
-    /// How its torques should be read, if not as they are: by the last pause whose torques showed it.
+    /// Report that sign or gravity of the torques seem wrong, from the last pause that allowed a decision.
     misread: Option<String>,
     guard: Option<Guard>,
     identified: Option<Identified>,
 }
 
-/// An arm that was identified.
+/// State of a session with an identified arm.
 struct Identified {
     torques: TorqueStream,
-    /// From which on something counts as touched, standard deviations.
+    /// |τ_ext| of a joint above which a contact is detected, in standard deviations.
     threshold: f64,
-    /// Whether external torques are all that is wanted.
+    /// Whether only external torques are computed and nothing is mapped.
     alone: bool,
 }
 
 impl Session {
     /// A session of a mapper, whose replays are made in spare time.
     ///
-    /// A touch that the mapper was in the middle of has ended: nobody knows what happened since.
+    /// A touch under way in the mapper is ended, since later motion is unknown.
     ///
     /// # Errors
     ///
-    /// If a setting of the pauses is out of its range.
+    /// If a setting of the pause detector is out of its range.
     pub fn new(
         mapper: Mapper,
         pause_config: PauseConfig,
         guard: Option<Guard>,
     ) -> Result<Self, SettingError> {
         let mut mapper = mapper.with_replays(ReplayPolicy::SpareTime);
-        // Too short for its tare, if that: then nothing was learnt from it.
+        // An error means that the touch was too short for its tare: then nothing was learnt from it.
         let _ = mapper.end_touch();
         let no_pauses = PauseDetector::new(pause_config)?;
         let (pauses, state) = (no_pauses.clone(), State::Waiting);
@@ -154,20 +157,21 @@ impl Session {
         })
     }
 
-    /// The same session of an arm that was identified: its samples hold external torques with a standard deviation
-    /// ([`Session::external`]); something is touched where the torque of a joint is more than `threshold` of them. With
-    /// `alone`, nothing is mapped.
+    /// Uses an identified arm: samples get external torques with standard deviations ([`Session::external`]). A contact
+    /// is detected where the torque of a joint exceeds `threshold` standard deviations. With `alone`, nothing is
+    /// mapped.
     #[must_use]
     pub fn identified(mut self, torques: TorqueStream, threshold: f64, alone: bool) -> Self {
         self.identified = Some(Identified { torques, threshold, alone });
         self
     }
 
-    /// What a sample of the robot is to [`Session::take`]: with its external torque, if the arm was identified.
+    /// Prepares a sample of the robot for [`Session::take`]: with an identified arm, replaces its torques by external
+    /// torques with standard deviations.
     ///
     /// # Errors
     ///
-    /// If the sample does not fit the robot, or holds a value that is no number.
+    /// If the sample does not fit the robot, or has a value that is not finite.
     pub fn external(&mut self, sample: Sample) -> Result<Sample, TrackerError> {
         let has_jumped = self.has_jumped(&sample);
         let Some(identified) = &mut self.identified else { return Ok(sample) };
@@ -177,7 +181,7 @@ impl Session {
         identified.torques.external(&sample)
     }
 
-    /// Takes the next sample of the robot.
+    /// Takes the next sample, prepared by [`Session::external`].
     pub fn take(&mut self, sample: &Sample) -> StepOutcome {
         let mut outcome = StepOutcome::default();
         if self.identified.as_ref().is_some_and(|identified| identified.alone) {
@@ -218,7 +222,7 @@ impl Session {
         outcome
     }
 
-    /// Whether the external torque of a sample is a contact, if the arm was identified.
+    /// Detects contact from the external torque of a sample, for an identified arm.
     fn detection(&self, outcome: &StepOutcome, sample: &Sample) -> Option<Detection> {
         let ((torque, _), std) = outcome.torques.as_ref().zip(sample.tau_std.as_ref())?;
         let external =
@@ -241,7 +245,7 @@ impl Session {
         self.mean_untared(tare, config).is_none_or(|mean| guard.tare(&mean).is_err())
     }
 
-    /// What these settings leave of the torques of some samples, on average, n_joints, N·m.
+    /// Mean torque of samples with these settings, before the tare: sign applied, gravity subtracted; n_joints, N·m.
     fn mean_untared(
         &self,
         samples: &[&Sample],
@@ -257,8 +261,9 @@ impl Session {
         (!untared.is_empty()).then(|| sum / untared.len() as f64)
     }
 
-    /// Finds out from a pause how the torques should be read, if far less of them is left in another reading than in that of
-    /// the settings; where that is not clear, as where gravity turns no joint, what an earlier pause said still holds.
+    /// Checks sign and gravity of the torques in a pause: whether another combination leaves a far smaller residual
+    /// than that of the settings. If this is not clear, for instance because gravity acts on no joint, the earlier
+    /// result is kept.
     fn look_at_reading(&mut self, pause: &[&Sample]) {
         let config = &self.mapper.config().touch;
         if config.tare == Tare::None || self.identified.is_some() {
@@ -288,14 +293,14 @@ impl Session {
         }
     }
 
-    /// Whether a sample's torques say nothing: all are exactly zero, and the arm bears its own weight.
+    /// Whether all torques of a sample are exactly zero although the joints carry the weight of the arm.
     pub fn is_dead(&self, sample: &Sample) -> bool {
         let config = &self.mapper.config().touch;
         let untared = self.identified.is_none().then(|| self.mean_untared(&[sample], config));
         untared.flatten().is_some_and(|untared| are_dead(&sample.tau, &untared))
     }
 
-    /// Finds out whether the arm jumps again and again.
+    /// Checks whether the joint positions jump repeatedly.
     fn look_at_jumps(&mut self, sample: &Sample, outcome: &mut StepOutcome) {
         let now_s = sample.time_s.unwrap_or_default();
         self.jumps_s.retain(|jump_s| (0.0..JUMPS_S).contains(&(now_s - jump_s)));
@@ -308,7 +313,7 @@ impl Session {
         self.guard.as_ref().inspect(|guard| guard.jumping(jumping));
     }
 
-    /// Whether the arm is elsewhere than at the last sample, and it is unknown which way it has gone.
+    /// Whether the arm has moved since the last sample on an unknown path: too fast, or during a silence.
     fn has_jumped(&self, sample: &Sample) -> bool {
         let Some(last) = &self.last else { return false };
         let (Some(last_s), Some(now_s)) = (last.time_s, sample.time_s) else { return false };
@@ -322,14 +327,14 @@ impl Session {
         })
     }
 
-    /// Takes the result of a step that went well.
+    /// Takes the result of a successful step.
     fn learnt(&mut self, report: StepReport, outcome: &mut StepOutcome) {
         outcome.contacts = report.contacts;
         let (Some(external), Some(predicted)) = (report.external, report.predicted) else {
             self.state = State::Taring;
             return;
         };
-        // A touch that began where the arm had jumped has a tare that no pause has given.
+        // The guard must also accept the tare of a touch that began at a jump, without a pause.
         let tared = self.state == State::Taring
             && !self.is_of_pause
             && self.mapper.config().touch.tare != Tare::None;
@@ -347,7 +352,7 @@ impl Session {
     /// Takes the error of a step that failed.
     fn failed(&mut self, error: &MapperError, outcome: &mut StepOutcome) {
         outcome.fault = Some(error.to_string());
-        // A single broken sample is left out; where an arm has jumped, the touch is lost.
+        // An invalid sample is left out; after these errors the touch cannot continue.
         let lost = matches!(
             error,
             MapperError::Tracker(
@@ -375,27 +380,27 @@ impl Session {
         }
     }
 
-    /// Ends the touch and waits for a pause: what follows does not go on from what came before.
+    /// Ends the touch and waits for the next pause; later samples do not continue the touch.
     pub fn wait(&mut self) {
         let _ = self.mapper.end_touch();
         self.state = State::Waiting;
         self.pauses.clone_from(&self.no_pauses);
     }
 
-    /// Makes two of the replays that the last step may have, or what is left of them; returns how many.
+    /// Makes up to two of the remaining replays of the last step; returns how many.
     ///
-    /// Two at a time, since `map` draws every other one by its NIS.
+    /// Two at a time, since `map` chooses every other replay by its NIS.
     pub fn spare(&mut self) -> u32 {
         let mut pair = 2;
         self.mapper.spare_time(|_| std::mem::take(&mut pair))
     }
 
-    /// Whether the last step may have more replays.
+    /// Whether replays of the last step remain.
     pub(crate) fn has_spare(&self) -> bool {
         self.mapper.spare_replays() > 0
     }
 
-    /// What the session does.
+    /// State of the session.
     pub fn state(&self) -> State {
         self.state
     }
@@ -410,7 +415,7 @@ impl Session {
         &self.mapper
     }
 
-    /// Ends the touch under way.
+    /// Makes the remaining replays and ends the touch under way.
     pub fn finish(&mut self) {
         while self.spare() > 0 {}
         self.wait();

@@ -1,4 +1,4 @@
-//! What the threads of a session share, and those that receive from and send to the network process.
+//! State shared by the threads of a session, and the two threads that receive from and send to the network process.
 
 use std::collections::HashSet;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -20,48 +20,50 @@ use crate::ros::{
 };
 use crate::timer::Timer;
 
-/// How often a thread that waits looks whether the session goes on.
+/// Interval at which waiting threads check whether the session has ended.
 pub(crate) const LOOK: Duration = Duration::from_millis(20);
-/// News that may wait.
+/// Capacity of the queue of news.
 const NEWS: usize = 64;
-/// Between two messages that say whether the guard's flag is up. Listeners take 50 ms of silence for
-/// a flag that is up.
+/// Interval between two messages with the state of the guard's flag. Listeners take 50 ms of silence
+/// for a flag that is up.
 const FLAG: Duration = Duration::from_millis(20);
 
-/// How long the topics of a network may take to appear before the user reads that there is none.
+/// Time for the discovery of topics, before a missing topic is reported.
 const DISCOVERY: Duration = Duration::from_secs(2);
-/// A network process that hears no joint state for so long is replaced, since it may have gone deaf,
-/// to them or to who publishes them. The robot may have stopped to send them as well: then the next
-/// process has twice the time, and so on.
+/// After this time without a joint state the network process is replaced, since it may no longer
+/// receive messages or discover publishers. The robot may also have stopped publishing: so each
+/// further process has twice the time.
 const DEAF: Duration = Duration::from_secs(3);
+/// Upper limit of this time.
 const DEAFEST: Duration = Duration::from_secs(8);
-/// The same before any joint state has come in the session: the robot may not be on yet.
+/// This time before the first joint state of the session: the robot may not be switched on yet.
 const PATIENT: Duration = Duration::from_secs(30);
-/// Between the starts of two network processes, at least.
+/// Smallest interval between the starts of two network processes.
 const RESTART: Duration = Duration::from_millis(500);
 
-/// A joint state as it came.
+/// A received joint state.
 #[derive(Debug)]
 pub(crate) struct JointMessage {
-    /// What it says, or why it cannot be decoded: it has another shape than its type.
+    /// The joint state, or why it cannot be decoded.
     pub(crate) state: Result<JointState, String>,
-    /// When it came to the network process, and here.
+    /// Arrival at the network process.
     pub(crate) came: Arrival,
+    /// Arrival at this process.
     pub(crate) at: Instant,
 }
 
-/// What the threads share.
+/// State shared by the threads.
 pub(crate) struct Shared {
     /// Joint states on their way to the mapper.
     pub(crate) samples: Inbox<JointMessage>,
     pub(crate) outbox: Outbox,
     pub(crate) guard: Option<Guard>,
     pub(crate) news: Inbox<News>,
-    /// From the arrival of a sample to the publishing of its prediction.
+    /// Times from the arrival of a sample to the publishing of its prediction.
     pub(crate) latencies: Inbox<Duration>,
-    /// Of the network processes that have ended, and of the one that runs.
+    /// Counts of all network processes that have ended, and of the present one.
     counts: Mutex<[Counts; 2]>,
-    /// Whether somebody asks for a tare.
+    /// Whether a tare was requested.
     pub(crate) tare: AtomicBool,
     /// Questions whose answers are being computed.
     pub(crate) answering: AtomicUsize,
@@ -87,29 +89,29 @@ impl Shared {
         }
     }
 
-    /// Whether the session goes on.
+    /// Whether the session was not stopped yet.
     pub(crate) fn goes_on(&self) -> bool {
         !self.stopping.load(Ordering::Relaxed)
     }
 
-    /// Ends the session.
+    /// Stops the session. The threads that send the guard's flag continue, with the flag up.
     pub(crate) fn stop(&self) {
         self.stopping.store(true, Ordering::Relaxed);
         self.guard.as_ref().inspect(|guard| guard.end());
     }
 
-    /// Ends those threads too that say that the robot must stop while others end.
+    /// Stops the session and the threads that send the guard's flag.
     pub(crate) fn end(&self) {
         self.stop();
         self.over.store(true, Ordering::Relaxed);
     }
 
-    /// Whether all has ended but the threads that receive from and send to the network process.
+    /// Whether the threads that receive from and send to the network process shall end too.
     pub(crate) fn is_over(&self) -> bool {
         self.over.load(Ordering::Relaxed)
     }
 
-    /// Messages that came, were lost, and could not be sent.
+    /// Messages received, lost and unsent, over all network processes.
     pub(crate) fn counts(&self) -> Counts {
         let [before, now] = *self.counts.lock().unwrap_or_else(PoisonError::into_inner);
         Counts {
@@ -119,7 +121,7 @@ impl Shared {
         }
     }
 
-    /// Takes the counts of the network process that runs; `ends`: and that will be no more.
+    /// Takes the counts of the present network process; with `ends`, adds them to those of the ended ones.
     fn count(&self, counts: Option<Counts>, ends: bool) {
         let all = ends.then(|| self.counts());
         let mut both = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
@@ -129,7 +131,7 @@ impl Shared {
         }
     }
 
-    /// Why the guard's flag is up, if it is.
+    /// Why the guard's flag is up; `None` if it is down or there is no guard.
     pub(crate) fn cause(&self) -> Option<Cause> {
         self.guard.as_ref()?.cause(Instant::now())
     }
@@ -141,7 +143,7 @@ impl Shared {
         }
     }
 
-    /// Takes the guard's flag back, if it is safe.
+    /// Takes the guard's flag down, if it is safe.
     fn reset(&self) -> TriggerResponse {
         let done = match &self.guard {
             Some(guard) => guard.reset(Instant::now()).map_err(|cause| cause.to_string()),
@@ -153,7 +155,7 @@ impl Shared {
         }
     }
 
-    /// Takes a tare at the next pause, which takes the guard's flag back.
+    /// Requests a tare at the next pause, which also takes the guard's flag down.
     fn tare(&self) -> TriggerResponse {
         self.guard.as_ref().inspect(|guard| guard.reset_with_tare());
         self.tare.store(true, Ordering::Relaxed);
@@ -167,8 +169,8 @@ impl Shared {
     }
 }
 
-/// The thread that hears the network process, watches the measured torque, and replaces a process
-/// that has ended or gone deaf.
+/// The thread that receives from the network process, watches the measured torque, and replaces a
+/// process that has ended or no longer receives joint states.
 pub(crate) fn listen(
     network: &NetworkProcess,
     first: Listener<'_>,
@@ -207,31 +209,31 @@ pub(crate) fn listen(
     }
 }
 
-/// Why a network process is heard no more.
+/// Why a network process is replaced.
 enum Ended {
-    /// Nothing was heard of joint states, or of who publishes them.
+    /// No joint state came for too long, or no topic of joint states was found.
     Deaf {
         subscribed: bool,
     },
     Gone,
 }
 
-/// What is heard.
+/// State of the receiving thread.
 struct Hearing<'a> {
     network: &'a NetworkProcess,
     topic: Option<&'a str>,
-    /// Requests that take time.
+    /// Requests for the thread that answers slow requests.
     to_services: Sender<Asked>,
     sentry: Option<Sentry>,
     shared: &'a Shared,
-    /// How long the network process may hear nothing.
+    /// Time without a joint state after which the network process is replaced.
     patience: Duration,
-    /// Notes to the user since the last joint state.
+    /// Notes since the last joint state: each is reported once.
     notes: HashSet<String>,
 }
 
 impl Hearing<'_> {
-    /// Hears a network process until it ends or is deaf, or the session ends: then `None`.
+    /// Receives from a network process until it must be replaced; returns `None` if the session ends.
     fn hear(&mut self, listener: &mut Listener<'_>) -> Option<Ended> {
         let started = Instant::now();
         let (mut heard, mut subscribed, mut waiting) = (started, false, String::new());
@@ -281,7 +283,7 @@ impl Hearing<'_> {
         None
     }
 
-    /// Answers a request, or has it answered by the thread for those that take time.
+    /// Answers a request at once, or passes it to the thread for slow requests.
     fn answer(&self, asked: Asked) {
         const BUSY: &str = "too many requests wait for an answer; try again";
         let id = asked.id;
@@ -316,7 +318,7 @@ impl Hearing<'_> {
         self.shared.samples.push(message);
     }
 
-    /// Notes something for the user, once while no joint state comes.
+    /// Reports a note, once until the next joint state.
     fn note(&mut self, note: String) {
         if self.notes.insert(note.clone()) {
             self.shared.note(note);
@@ -324,7 +326,7 @@ impl Hearing<'_> {
     }
 }
 
-/// The thread that sends the network process what to publish.
+/// The thread that sends messages to be published to the network process.
 pub(crate) fn publish(network: &NetworkProcess, shared: &Shared) {
     let (mut due, mut was_up) = (Timer::new(FLAG), None);
     while !shared.is_over() {

@@ -1,8 +1,8 @@
-//! What happens every so often.
+//! A timer for periodic actions.
 
 use std::time::{Duration, Instant};
 
-/// Says when something is due again.
+/// Tracks when a periodic action is due.
 #[derive(Debug, Clone)]
 pub(crate) struct Timer {
     every: Duration,
@@ -10,12 +10,12 @@ pub(crate) struct Timer {
 }
 
 impl Timer {
-    /// For something that is due at once, and then every so often.
+    /// An action that is due at once, and then once in each period `every`.
     pub(crate) fn new(every: Duration) -> Self {
         Self { every, last: None }
     }
 
-    /// Whether it is due at `now`; it then counts as done.
+    /// Whether the action is due at `now`; if so, the next period begins.
     pub(crate) fn is_due(&mut self, now: Instant) -> bool {
         let due = self.last.is_none_or(|last| now.saturating_duration_since(last) >= self.every);
         if due {
@@ -24,7 +24,7 @@ impl Timer {
         due
     }
 
-    /// How long it is until it is due.
+    /// Time until the action is due.
     pub(crate) fn left(&self, now: Instant) -> Duration {
         self.last.map_or(Duration::ZERO, |last| (last + self.every).saturating_duration_since(now))
     }

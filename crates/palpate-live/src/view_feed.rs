@@ -1,7 +1,7 @@
-//! What a viewer of a session gets, now and then.
+//! Sends frames of a session to a viewer, at a limited rate.
 //!
-//! It goes through an [`Inbox`], so a viewer that does not keep up loses what is old and delays
-//! nobody.
+//! They go through an [`Inbox`]: a viewer that does not keep up loses the oldest frames and does
+//! not delay the mapper.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -14,46 +14,46 @@ use crate::inbox::Inbox;
 use crate::session::{State, StepOutcome};
 use crate::timer::Timer;
 
-/// Between two positions of the arm: more would not look smoother.
+/// Interval between two frames of the arm.
 const ARM: Duration = Duration::from_millis(40);
-/// Between two fields.
+/// Interval between two frames of the field.
 const FIELD: Duration = Duration::from_secs(1);
 
-/// Frames that may wait for the viewer.
+/// Largest number of frames that wait for the viewer.
 pub const WAITING: usize = 64;
 
-/// Something to draw.
+/// A frame to draw.
 #[derive(Debug, Clone)]
 pub struct ViewFrame {
     /// Number of the sample in the session, from 0.
     pub sample: u64,
-    /// When it came, since the session began.
+    /// Time of its arrival since the session began.
     pub since: Duration,
-    /// What there is to draw.
+    /// Content of the frame.
     pub what: What,
 }
 
-/// What there is to draw.
+/// Content of a frame.
 #[derive(Debug, Clone)]
 pub enum What {
     /// A touch begins.
     Touch,
-    /// Where the arm is, what it touches and what it measures.
+    /// Position, contacts and torques of the arm.
     Arm {
         /// Joint positions, n_joints, rad or m.
         q: Vec<f64>,
-        /// What the arm displaces.
+        /// The cells that the arm displaces.
         contacts: Contacts,
         /// τ_ext and τ̂, n_joints, N·m, once the touch has its tare.
         torques: Option<(DVector<f64>, DVector<f64>)>,
     },
-    /// The field as it is.
+    /// The present field.
     Field(Box<Field>),
-    /// The elastic body.
+    /// The elastic body as it is bent now.
     Body(BentBody),
 }
 
-/// Picks what is drawn.
+/// Selects the frames that are drawn.
 pub(crate) struct ViewFeed {
     to: Arc<Inbox<ViewFrame>>,
     body: Option<Arc<LiveBody>>,
@@ -69,7 +69,8 @@ impl ViewFeed {
         Self { to, body, began: Instant::now(), samples: 0, arm, field }
     }
 
-    /// Takes a sample that came at `at`, and what the session made of it.
+    /// Takes a sample that came at `at`, with its outcome, the state of the session, and the
+    /// mapper.
     pub(crate) fn sample(
         &mut self,
         (sample, at): (&Sample, Instant),
@@ -85,7 +86,7 @@ impl ViewFeed {
             push(What::Touch);
         }
         if self.arm.is_due(at) {
-            // Where nothing is mapped, the contacts are those of a touch that is over.
+            // While the session waits, the mapper still has the contacts of the last touch.
             let contacts =
                 if state == State::Waiting { Contacts::default() } else { mapper.contacts() };
             push(What::Arm { q: sample.q.clone(), contacts, torques: outcome.torques.clone() });

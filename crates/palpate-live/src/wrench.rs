@@ -1,4 +1,4 @@
-//! What the object exerts on the links that touch it, as the field says.
+//! Wrenches that the object exerts on the touching links, predicted by the field.
 
 use nalgebra::{Isometry3, Vector3};
 use palpate::unstable::{LinkContacts, LinkId};
@@ -6,8 +6,8 @@ use palpate::{CellId, Mapper};
 
 use crate::message::{Header, Stamp, Wrench, WrenchStamped};
 
-/// The wrench on each link that touches something, about the link's origin and in its coordinates, where the links
-/// have these poses: `−Σ K (u, (p − o) × u)` over its points p ([`palpate`] says what u is).
+/// The wrench on each link in contact, about the origin o of the link and in its frame:
+/// `−Σ K (u, (p − o) × u)` over the rest points p that it displaces by u, with stiffness K.
 pub(crate) fn wrenches(
     mapper: &Mapper,
     world_from_link: &[Isometry3<f64>],
@@ -38,8 +38,8 @@ pub(crate) fn wrenches(
     mapper.contacts().links.into_iter().map(of_link).collect()
 }
 
-/// Wrenches with those of links that do not touch anything any more, which are zero once; `pressed` are the links that
-/// touched something before, and afterwards those that do now.
+/// Adds one zero wrench for each link whose contact has ended. `pressed` are the links that were in contact at the
+/// last call; it is updated to those in contact now.
 pub(crate) fn with_released(
     mut now: Vec<WrenchStamped>,
     pressed: &mut Vec<String>,
@@ -67,7 +67,7 @@ mod tests {
 
     use super::*;
 
-    /// Two links that turn, each with a ball.
+    /// Two revolute links, each with a ball.
     fn arm() -> Arc<Arm> {
         let ball = "<collision><geometry><sphere radius='0.05'/></geometry></collision>";
         let joint = |name: &str, parent: &str, child: &str, axis: &str| {

@@ -1,4 +1,4 @@
-//! A session beside a robot that is played from the bundled touches, without a network.
+//! A session with the bundled touches in place of a robot, without a network.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 use std::path::Path;
@@ -18,7 +18,7 @@ fn arm() -> Arc<Arm> {
     Arc::new(load_arm("kinova_gen3", &options).unwrap().arm)
 }
 
-/// The bundled touches, each with times that go on from the one before.
+/// The first `count` bundled touches; the times of each are later than those of the one before.
 fn touches(count: usize) -> Vec<Vec<Sample>> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
     let mut touches: Vec<Vec<Sample>> = Vec::new();
@@ -36,14 +36,14 @@ fn touches(count: usize) -> Vec<Vec<Sample>> {
     touches
 }
 
-/// A touch without the pause at its end, in which a session begins the next one.
+/// A touch without the pause at its end, in which a session would begin the next touch.
 fn without_last_pause(touch: &[Sample]) -> &[Sample] {
     let end = &touch.last().unwrap().q;
     let far = |q: &[f64]| q.iter().zip(end).any(|(q, end)| (q - end).abs() > 0.002);
     &touch[..=touch.iter().rposition(|sample| far(&sample.q)).unwrap()]
 }
 
-/// A mapper with so many replays for each frame.
+/// A mapper with this number of replays for each frame.
 fn mapper(arm: &Arc<Arm>, replays: u32) -> Mapper {
     let mut config = MapperConfig::of(EstimatorKind::Map);
     config.estimator.replays = replays;
@@ -74,7 +74,7 @@ fn what_is_learnt_live_is_what_a_log_of_the_same_touches_teaches() {
     }
     assert!(live.mapper().field() == from_log.field());
     assert!(outcomes.iter().all(|outcome| outcome.fault.is_none()));
-    // One in the first pause, one where the arm is suddenly elsewhere.
+    // One touch begins in the first pause, one where the joint positions jump.
     assert_eq!(outcomes.iter().filter(|outcome| outcome.begins).count(), 2);
 }
 
@@ -98,7 +98,7 @@ fn nothing_is_learnt_before_the_arm_has_paused_or_somebody_asked_for_a_tare() {
     assert!(play(&mut live, pushing).iter().all(|outcome| outcome.torques.is_none()));
     assert_eq!((live.state(), live.mapper().n_cells()), (State::Waiting, 0));
 
-    // A tare that is asked for while the arm moves through the lattice waits for a pause.
+    // A tare requested while the arm moves waits for a pause.
     live.wait();
     play(&mut live, &touches[0][120..160]);
     assert_eq!((live.state(), live.mapper().n_cells()), (State::Waiting, 0));
@@ -112,7 +112,7 @@ fn nothing_is_learnt_before_the_arm_has_paused_or_somebody_asked_for_a_tare() {
     assert_eq!(live.state(), State::Taring);
 }
 
-/// A sample as a robot would send it.
+/// A sample as a joint state message.
 fn joint_state(arm: &Arm, sample: &Sample) -> JointState {
     let time_s = sample.time_s.unwrap();
     let nanosec = (time_s.fract() * 1e9).round() as u32;
@@ -143,8 +143,8 @@ impl Guarded {
         Self { live, guard, sentry, start: Instant::now() }
     }
 
-    /// Takes a sample at its time; why the flag is up before the mapper has it, what came of it, and
-    /// why the flag is up then.
+    /// Takes a sample at its time; returns the cause after the sentry has checked it, the outcome, and the
+    /// cause after the mapper has taken it.
     fn take(&mut self, sample: &Sample) -> (Option<Cause>, StepOutcome, Option<Cause>) {
         let now = self.start + Duration::from_secs_f64(sample.time_s.unwrap());
         let state = joint_state(self.live.mapper().arm(), sample);
@@ -204,7 +204,7 @@ fn a_session_goes_on_from_what_another_has_saved() {
     let resumed = Mapper::resume(Arc::clone(&arm), snapshot).unwrap();
     let mut second = Session::new(resumed, PauseConfig::default(), None).unwrap();
     assert_eq!(second.state(), State::Waiting);
-    // The touch under way is over, so there are bands for what it has taught.
+    // Resuming ended the touch under way, so the bands include it.
     let mut field = second.mapper().field();
     assert!(field.calibration.take().is_some());
     assert!(field == first.mapper().field());
@@ -216,7 +216,7 @@ fn a_session_goes_on_from_what_another_has_saved() {
 #[test]
 fn torques_that_count_the_other_way_are_reported_at_the_first_pause_and_no_tare() {
     let (arm, touches) = (arm(), touches(1));
-    let mut guarded = Guarded::new(&arm, 50.0); // more than gravity's torque twice
+    let mut guarded = Guarded::new(&arm, 50.0); // more than twice the torque of gravity
     let misread = |outcomes: Vec<StepOutcome>| outcomes.into_iter().find_map(|own| own.misread);
     let negated = |sample: &Sample| {
         let mut sample = sample.clone();

@@ -1,7 +1,7 @@
-//! NumPy arrays from and to rows of numbers.
+//! Conversion between NumPy arrays and rows of numbers.
 //!
-//! In: whatever NumPy can make an array of numbers of, float or integer, contiguous or not,
-//! read-only or not. Out: arrays that took over the memory of the Rust ones, read-only.
+//! Input: anything that NumPy converts to an array of floats or integers, contiguous or not,
+//! read-only or not. Output: read-only arrays that own the memory of the Rust vectors, without a copy.
 
 use numpy::ndarray::Array2;
 use numpy::{
@@ -15,11 +15,11 @@ use pyo3::prelude::*;
 pub(crate) struct Numbers {
     /// In C order.
     pub(crate) values: Vec<f64>,
-    /// Sides.
+    /// Length of each dimension.
     pub(crate) shape: Vec<usize>,
 }
 
-/// The numbers of an argument called `name`; `wanted` says its shape, for errors.
+/// The numbers of the argument `name`; `wanted` is the expected shape, for error messages.
 pub(crate) fn numbers(any: &Bound<'_, PyAny>, name: &str, wanted: &str) -> PyResult<Numbers> {
     let py = any.py();
     let numpy = py.import(intern!(py, "numpy"))?;
@@ -49,7 +49,7 @@ pub(crate) fn numbers(any: &Bound<'_, PyAny>, name: &str, wanted: &str) -> PyRes
     Ok(Numbers { values, shape: array.shape().to_vec() })
 }
 
-/// A row of numbers, of a length if it must have one.
+/// A one-dimensional argument, of the given length if there is one.
 pub(crate) fn row(any: &Bound<'_, PyAny>, name: &str, length: Option<usize>) -> PyResult<Vec<f64>> {
     let wanted = match length {
         Some(length) => format!("({length},)"),
@@ -62,7 +62,7 @@ pub(crate) fn row(any: &Bound<'_, PyAny>, name: &str, length: Option<usize>) -> 
     }
 }
 
-/// Rows of numbers, so many columns wide; `wanted` says the shape.
+/// A two-dimensional argument as rows, with this number of columns if given; `wanted` is the expected shape.
 pub(crate) fn rows(
     any: &Bound<'_, PyAny>,
     name: &str,
@@ -78,7 +78,7 @@ pub(crate) fn rows(
     }
 }
 
-/// Points, M x 3.
+/// Points, (N, 3).
 pub(crate) fn points(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f64; 3]>> {
     let wanted = "(N, 3)";
     let Numbers { values, shape } = numbers(any, name, wanted)?;
@@ -88,7 +88,7 @@ pub(crate) fn points(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f64; 3
     }
 }
 
-/// A point or several, (3,) or (N, 3).
+/// One point or several, (3,) or (N, 3).
 pub(crate) fn places(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f64; 3]>> {
     let wanted = "(3,) or (N, 3)";
     let Numbers { values, shape } = numbers(any, name, wanted)?;
@@ -98,12 +98,12 @@ pub(crate) fn places(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f64; 3
     }
 }
 
-/// Counts, each a whole number from 0 on that 32 bits hold.
+/// Counts: whole numbers from 0 to the largest `u32`.
 pub(crate) fn counts(any: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<u32>> {
     whole(&row(any, name, None)?, 1, name, u32::MAX)
 }
 
-/// Whole numbers from 0 to `most`, in rows of so many columns.
+/// Converts whole numbers from 0 to `most`; `columns` is the length of a row, for error messages.
 pub(crate) fn whole(numbers: &[f64], columns: usize, name: &str, most: u32) -> PyResult<Vec<u32>> {
     for (place, number) in numbers.iter().enumerate() {
         if number.fract() != 0.0 || !(0.0..=f64::from(most)).contains(number) {
@@ -116,7 +116,7 @@ pub(crate) fn whole(numbers: &[f64], columns: usize, name: &str, most: u32) -> P
     Ok(numbers.iter().map(|&number| number as u32).collect())
 }
 
-/// The error of an array of another shape.
+/// The error for an array of the wrong shape.
 fn wrong_shape(name: &str, shape: &[usize], wanted: &str) -> PyErr {
     let sides: Vec<String> = shape.iter().map(ToString::to_string).collect();
     let found = match &sides[..] {
@@ -126,14 +126,14 @@ fn wrong_shape(name: &str, shape: &[usize], wanted: &str) -> PyErr {
     PyValueError::new_err(format!("`{name}` has shape {found}; wanted {wanted}"))
 }
 
-/// A read-only array that takes over the numbers.
+/// A read-only array that owns these values.
 pub(crate) fn flat<T: Element>(py: Python<'_>, values: Vec<T>) -> Py<PyArray1<T>> {
     let array = values.into_pyarray(py);
     array.readwrite().make_nonwriteable();
     array.unbind()
 }
 
-/// A read-only table that takes over the numbers, so many columns wide.
+/// A read-only two-dimensional array that owns these values, with this number of columns.
 pub(crate) fn table<T: Element>(py: Python<'_>, values: Vec<T>, columns: usize) -> Py<PyArray2<T>> {
     let rows = values.len().checked_div(columns).unwrap_or(0);
     let table = Array2::from_shape_vec((rows, columns), values).expect("rows are of one length");
@@ -142,7 +142,7 @@ pub(crate) fn table<T: Element>(py: Python<'_>, values: Vec<T>, columns: usize) 
     array.unbind()
 }
 
-/// A read-only table of rows.
+/// A read-only two-dimensional array with a copy of these rows.
 pub(crate) fn table_of<'a>(
     py: Python<'_>,
     rows: impl IntoIterator<Item = &'a [f64]>,
@@ -151,7 +151,7 @@ pub(crate) fn table_of<'a>(
     table(py, rows.into_iter().flatten().copied().collect(), columns)
 }
 
-/// The numbers of an array of ours.
+/// A copy of the values of an array made by [`flat`].
 pub(crate) fn copied<T: Element + Copy>(py: Python<'_>, array: &Py<PyArray1<T>>) -> Vec<T> {
     array.bind(py).readonly().as_slice().expect("made contiguous").to_vec()
 }

@@ -1,4 +1,4 @@
-//! The command `palpate`, as the script of the Python package calls it, and what the machine gives to it.
+//! The command `palpate`, called by the script of the Python package; numbers of CPUs and threads.
 
 use std::ffi::OsString;
 
@@ -7,8 +7,8 @@ use pyo3::prelude::*;
 
 /// Runs the command `palpate` in this process, and returns its exit code.
 ///
-/// `arguments`: the command's name and its arguments. `call`: how this process is started again,
-/// without the arguments of the command.
+/// `arguments`: the command's name and its arguments. `call`: the command line that starts this process
+/// again, without the arguments of the command.
 #[pyfunction]
 pub(crate) fn command(
     py: Python<'_>,
@@ -19,13 +19,13 @@ pub(crate) fn command(
     Ok(py.detach(|| palpate_cli::command(arguments, Program { call, file: Some(file) })))
 }
 
-/// CPUs that this process may use, by its affinity and by its control group.
+/// Number of CPUs that this process may use, by its affinity and its control group.
 #[pyfunction]
 pub(crate) fn cpus() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Threads of long calls in this process: those of RAYON_NUM_THREADS when the first was made.
+/// Number of threads of long calls in this process: RAYON_NUM_THREADS at the time of the first one.
 #[pyfunction]
 pub(crate) fn threads() -> usize {
     rayon::current_num_threads()

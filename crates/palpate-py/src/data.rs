@@ -1,4 +1,4 @@
-//! Plain Python data from JSON, and TOML from plain Python data.
+//! Converts JSON to plain Python data, and plain Python data to TOML.
 
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::intern;
@@ -9,19 +9,19 @@ use serde_json::Value;
 
 use crate::lattice::Lattice;
 
-/// JSON as dicts, lists, numbers and strings.
+/// Converts JSON to dicts, lists, numbers and strings.
 pub(crate) fn python<'py>(py: Python<'py>, value: &Value) -> PyResult<Bound<'py, PyAny>> {
     py.import(intern!(py, "json"))?.call_method1(intern!(py, "loads"), (value.to_string(),))
 }
 
-/// What dicts, lists, numbers and strings hold, by way of JSON.
+/// Converts dicts, lists, numbers and strings to a Rust type, through JSON.
 pub(crate) fn of_python<T: DeserializeOwned>(plain: &Bound<'_, PyAny>) -> PyResult<T> {
     let json = plain.py().import("json")?.call_method1("dumps", (plain,))?;
     let value = serde_json::from_str(&json.extract::<String>()?);
     value.map_err(|error| PyValueError::new_err(error.to_string()))
 }
 
-/// Settings, or one section of them, without the keys that were not given: those that are null.
+/// Settings, or one section of them, without null values and empty sections.
 pub(crate) fn given(settings: Value) -> Value {
     match settings {
         Value::Object(entries) => {
@@ -35,10 +35,10 @@ pub(crate) fn given(settings: Value) -> Value {
     }
 }
 
-/// Lists and dicts within each other, at most: one that holds itself has no end.
+/// Largest depth of nested lists and dicts; a deeper one may contain itself.
 pub(crate) const DEEPEST: usize = 32;
 
-/// Refuses what is nested too deep.
+/// Fails if `depth` exceeds [`DEEPEST`].
 pub(crate) fn check_depth(depth: usize, name: &str) -> PyResult<()> {
     if depth <= DEEPEST {
         return Ok(());
@@ -49,7 +49,8 @@ pub(crate) fn check_depth(depth: usize, name: &str) -> PyResult<()> {
     )))
 }
 
-/// Plain data as TOML, `None` as nothing, a [`Lattice`] as its section; `name` is for errors.
+/// Converts plain data to TOML: `None` to nothing, a [`Lattice`] to its section; `name` is for
+/// errors.
 fn toml_of(any: &Bound<'_, PyAny>, name: &str, depth: usize) -> PyResult<Option<toml::Value>> {
     check_depth(depth, name)?;
     if any.is_none() {
@@ -68,7 +69,7 @@ fn toml_of(any: &Bound<'_, PyAny>, name: &str, depth: usize) -> PyResult<Option<
     } else if let Ok(lattice) = any.cast::<Lattice>() {
         toml::Value::try_from(&lattice.get().inner).expect("its keys are those of the section")
     } else if any.hasattr("tolist")? {
-        // Arrays and single numbers of NumPy.
+        // Arrays and scalars of NumPy.
         return toml_of(&any.call_method0("tolist")?, name, depth + 1);
     } else if any.hasattr("__fspath__")? {
         return toml_of(&any.call_method0("__fspath__")?, name, depth + 1);
@@ -87,7 +88,7 @@ fn toml_of(any: &Bound<'_, PyAny>, name: &str, depth: usize) -> PyResult<Option<
     Ok(Some(value))
 }
 
-/// A dict as a TOML table.
+/// Converts a dict to a TOML table.
 pub(crate) fn table_of(mapping: &Bound<'_, PyMapping>, name: &str) -> PyResult<toml::Table> {
     nested_table_of(mapping, name, 0)
 }

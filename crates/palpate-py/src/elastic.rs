@@ -28,8 +28,8 @@ use crate::log::{opened, sources};
 use crate::watch::long;
 use crate::{robot, settings};
 
-/// What shows an object, as arguments: a cloud is a path, or points with their colours; there may be a list of
-/// them, each with the place of its camera.
+/// Arguments beside the `cloud` of an object: colours of points given as arrays, positions of the cameras, kind
+/// and root of the object.
 #[derive(Default)]
 pub(crate) struct ObjectArguments<'a, 'py> {
     pub colours: Option<&'a Bound<'py, PyAny>>,
@@ -45,7 +45,7 @@ impl ObjectArguments<'_, '_> {
     }
 }
 
-/// A place or several, (3,) or (N, 3), each finite, m.
+/// One or several points, (3,) or (N, 3), finite, m.
 fn places(given: Option<&Bound<'_, PyAny>>, name: &str) -> Result<Vec<Point3<f64>>> {
     let Some(given) = given else { return Ok(Vec::new()) };
     let places = array::places(given, name)?;
@@ -56,7 +56,7 @@ fn places(given: Option<&Bound<'_, PyAny>>, name: &str) -> Result<Vec<Point3<f64
     Ok(places.into_iter().map(Point3::from).collect())
 }
 
-/// The clouds of a list of paths or of arrays, or the only one; and what errors call each.
+/// The clouds, one or a list, of paths or arrays; each with its name for error messages.
 fn clouds(
     py: Python<'_>,
     cloud: &Bound<'_, PyAny>,
@@ -85,7 +85,7 @@ fn clouds(
     pairs.map(|(cloud, colours)| extrapolate::read(py, cloud, colours.as_ref())).collect()
 }
 
-/// What shows an object, read.
+/// Clouds of an object, and hints about it.
 pub(crate) struct SeenObject {
     clouds: Vec<SeenCloud>,
     hints: ObjectHints,
@@ -93,7 +93,7 @@ pub(crate) struct SeenObject {
 }
 
 impl SeenObject {
-    /// The bodies that it may be; notes what was found.
+    /// The elastic bodies that fit the clouds; reports what was found as notes.
     pub(crate) fn bodies(
         &self,
         progress: &dyn Progress,
@@ -102,7 +102,7 @@ impl SeenObject {
     }
 }
 
-/// Reads what shows an object.
+/// Reads the clouds of an object and its hints.
 pub(crate) fn seen_object(
     py: Python<'_>,
     cloud: &Bound<'_, PyAny>,
@@ -135,11 +135,12 @@ pub(crate) fn seen_object(
 /// Learns a field with an elastic body from a cloud, as `palpate map --cloud` does.
 ///
 /// `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m, world frame, with
-/// `colours` (N, 3) from 0 to 255; `viewpoint` is where the camera stood, (3,) m, searched if left out;
-/// `object_kind` is "plant" (stems, branches, leaves) or "cushion" (anything else that gives way), found from the
-/// cloud if left out; `root` is where a plant is held, (3,) or one a tree, (R, 3) m, where it meets the ground if
-/// left out. Clouds of several cameras are a list of paths, or lists of arrays for `cloud` and `colours`, with
-/// `viewpoint` (C, 3).
+/// `colours` (N, 3) from 0 to 255. `viewpoint` is the position of the camera, (3,) m, estimated from the
+/// cloud if left out. `object_kind` is "plant" (stems, branches, leaves) or "cushion" (any other soft
+/// object), also found from the cloud if left out. `root` is the point where a plant is fixed, (3,) m, or
+/// one for each tree, (R, 3); if left out, where it meets the ground. Clouds of several cameras are a list
+/// of paths, or lists of arrays for `cloud` and `colours`, with `viewpoint` (C, 3).
+///
 /// If `logs` is None, the body has the typical stiffness of other plants. A cloud in which nothing
 /// stands above its lowest point gives a field without a body.
 #[pyfunction]

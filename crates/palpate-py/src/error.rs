@@ -1,4 +1,4 @@
-//! Every error as a Python exception, with the text that the command prints.
+//! Converts errors to Python exceptions, with the same text as the command prints.
 
 use std::error::Error;
 
@@ -13,24 +13,24 @@ use pyo3::create_exception;
 use pyo3::exceptions::{PyException, PyKeyboardInterrupt, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 
-create_exception!(palpate, PalpateError, PyException, "What palpate could not do, and why.");
+create_exception!(palpate, PalpateError, PyException, "Base class of the errors of palpate.");
 create_exception!(
     palpate,
     SettingsError,
     PalpateError,
-    "Settings or a request that cannot be followed."
+    "Settings or arguments that are invalid or contradict each other."
 );
 create_exception!(
     palpate,
     LogError,
     PalpateError,
-    "A log that cannot be read, or looks wrong where that is to be an error (`strict`)."
+    "A log that cannot be read, or that looks wrong while `strict` is set."
 );
 create_exception!(
     palpate,
     FileError,
     PalpateError,
-    "A robot, a field or another file that is not what it should be."
+    "A robot, field or other file that is missing or invalid, or cannot be written."
 );
 create_exception!(
     palpate,
@@ -45,11 +45,11 @@ create_exception!(
     "Something looks wrong, though it did not stop the work."
 );
 
-/// An error as the Python exception that it becomes.
+/// An error, converted to a Python exception.
 #[derive(Debug)]
 pub(crate) struct Raised(PyErr);
 
-/// What may end in an exception.
+/// A result whose error becomes a Python exception.
 pub(crate) type Result<T, E = Raised> = std::result::Result<T, E>;
 
 impl From<PyErr> for Raised {
@@ -78,7 +78,7 @@ impl From<WorkError> for Raised {
     }
 }
 
-/// Which exception other errors become.
+/// Implements the conversion of the listed errors to an exception.
 macro_rules! exceptions {
     ($($exception:ident of $($error:ty),+;)+) => {$($(
         impl From<$error> for Raised {

@@ -1,4 +1,4 @@
-//! Methods compared on touches that they have not seen, and settings chosen on one's own.
+//! Comparison of methods on held-out touches, and choice of settings by cross-validation.
 
 use palpate_learn::bands::Band;
 use palpate_learn::errors::Errors;
@@ -23,15 +23,19 @@ use crate::log::{opened, sources};
 use crate::watch::long;
 use crate::{robot, settings};
 
-/// Compares methods on touches that they have not seen, as `palpate evaluate` does.
+/// Compares methods on held-out touches, as `palpate evaluate` does.
 ///
-/// `methods` are of elastic, map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always
-/// stands beside the others. elastic needs a `cloud` of the object, with `colours`, `viewpoint`,
-/// `object_kind` and `root` as for `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
-/// `test` from all others. `truth` compares with true torques. In every fold, the settings of map that are not given
-/// are chosen among few (`tune="quick"`, if left out), those of map and ekf among many (True), or none (False).
-/// `share`, its number from 0 and how many there are, does that share of the folds alone: a `palpate.results.Share`. `reuse` names the logs and the
-/// robot as they are now: what was read for the last call of that name serves this one, if settings allow it.
+/// `methods` are some of elastic, map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero is
+/// always added. elastic needs a `cloud` of the object, with `colours`, `viewpoint`, `object_kind` and
+/// `root` as for `map_elastic`. The touches are divided into `folds`, one for each touch if left out;
+/// those of a fold are predicted from all others. With `test`, only the touches of these names are
+/// predicted, from all others. `truth` compares with true torques.
+///
+/// `tune` chooses settings in every fold: "quick", also if left out, those of map that are not given,
+/// among few candidates; True those of map and ekf, among many; False none. `share` is a number from 0
+/// and the number of shares: only this share of the folds is computed, and the result is a
+/// `palpate.results.Share`. `reuse` is a name for logs and robot in their present state: data that was
+/// read by the last call with the same name is used again, if the settings allow it.
 #[pyfunction]
 #[pyo3(signature = (
     logs, robot = None, *, methods = None, cloud = None, colours = None, viewpoint = None, object_kind = None,
@@ -80,7 +84,7 @@ pub(crate) fn evaluate<'py>(
     replace_elastic_by_map(&mut settings, cloud.is_some()).map_err(WorkError::from)?;
     let mut methods = each_once(&chosen, cloud.is_some())?;
     if !methods.contains(&Method::Zero) {
-        methods.push(Method::Zero); // it stands beside the others in every table
+        methods.push(Method::Zero); // every table compares with it
     }
     let evaluated = long(py, progress, |progress| {
         let arm = &robot.arm;
@@ -116,7 +120,7 @@ pub(crate) fn evaluate<'py>(
     Ok(result.into_any())
 }
 
-/// What `tune` asks for: a bool, or "quick".
+/// Reads the argument `tune`: a bool, or "quick".
 fn thoroughness(tune: &Bound<'_, PyAny>) -> PyResult<Tune> {
     if let Ok(tune) = tune.extract::<bool>() {
         return Ok(if tune { Tune::Thorough } else { Tune::Off });
@@ -127,10 +131,10 @@ fn thoroughness(tune: &Bound<'_, PyAny>) -> PyResult<Tune> {
     }
 }
 
-/// A band, and [`Band::errors_n_m`], which no file has.
+/// A band, and [`Band::errors_n_m`], which are not serialized with it.
 type BandWithErrors = (Band, Vec<f64>);
 
-/// The row of a method in Table I by its errors and `bands` on touches, as `evaluate` gives them.
+/// The row of a method in Table I, from its errors and `bands` on the touches as `evaluate` returns them.
 #[pyfunction]
 pub(crate) fn summarised<'py>(
     py: Python<'py>,
@@ -152,7 +156,7 @@ pub(crate) fn summarised<'py>(
     python(py, &json!(Summary::of(name, &errors, [&own, &of_other_objects])))
 }
 
-/// The bands of each method on each touch, for `summarised`: its own, and as other objects have them.
+/// The bands of each method on each touch, for `summarised`: calibrated on its own touches, and on other objects.
 fn bands<'py>(py: Python<'py>, evaluation: &Evaluation) -> PyResult<Bound<'py, PyAny>> {
     let with_errors = |band: &Option<Band>| band.as_ref().map(|own| json!([own, own.errors_n_m]));
     let method = |own: &Prediction| {
@@ -163,7 +167,7 @@ fn bands<'py>(py: Python<'py>, evaluation: &Evaluation) -> PyResult<Bound<'py, P
     python(py, &evaluation.touches.iter().map(touch).collect())
 }
 
-/// An evaluation as plain data, torques as arrays.
+/// An evaluation as plain Python data, with torques as arrays.
 fn result<'py>(py: Python<'py>, evaluation: &Evaluation) -> PyResult<Bound<'py, PyDict>> {
     let result = PyDict::new(py);
     result.set_item("methods", python(py, &json!(evaluation.methods))?)?;
@@ -175,7 +179,7 @@ fn result<'py>(py: Python<'py>, evaluation: &Evaluation) -> PyResult<Bound<'py, 
     Ok(result)
 }
 
-/// A touch that was predicted but not learnt from.
+/// A held-out touch as a dict.
 fn left_out<'py>(py: Python<'py>, touch: &LeftOut, joints: usize) -> PyResult<Bound<'py, PyDict>> {
     let rows = |torques: &[Vec<f64>]| table_of(py, torques.iter().map(Vec::as_slice), joints);
     let dict = PyDict::new(py);
@@ -198,8 +202,8 @@ fn left_out<'py>(py: Python<'py>, touch: &LeftOut, joints: usize) -> PyResult<Bo
 
 /// Chooses settings by cross-validation on at least three touches, as `palpate tune` does.
 ///
-/// `candidates` are from 2 to 1000, 24 if left out (12 for ekf); `quick` chooses among few, as
-/// `palpate map` does. Give the `settings` of the result to other calls.
+/// `candidates` is the number of candidates, 2 to 1000, 24 if left out (12 for ekf); `quick` uses only
+/// few, as `palpate map` does. Other calls take the `settings` of the result.
 #[pyfunction]
 #[pyo3(signature = (
     logs, robot = None, *, candidates = None, quick = false, settings = None, progress = None, **sections

@@ -1,4 +1,4 @@
-//! From what was touched to what was only seen.
+//! Extrapolation of stiffness from touched cells to points of a cloud.
 
 use std::path::{Path, PathBuf};
 
@@ -16,22 +16,22 @@ use crate::error::{Raised, Result, SettingsError};
 use crate::field::Field;
 use crate::watch::long;
 
-/// A stiffness for each of N seen points.
+/// Stiffness estimated at each of N points of a cloud.
 #[pyclass(frozen, module = "palpate", get_all)]
 pub(crate) struct Extrapolation {
-    /// The points, (N, 3), m.
+    /// Points of the cloud, (N, 3), m.
     points: Py<PyArray2<f64>>,
     /// K of a cell at each point, (N,), N/m.
     stiffness: Py<PyArray1<f64>>,
-    /// Its standard deviation: of the regression over features, not of single points, (N,), N/m.
+    /// Standard deviation of K: of the regression over features, not of single points, (N,), N/m.
     std: Py<PyArray1<f64>>,
-    /// Whether the cell that the point lies in was touched, (N,).
+    /// Whether the cell that contains the point was touched, (N,).
     touched: Py<PyArray1<bool>>,
-    /// The field with what untouched cells at seen points are expected to be.
+    /// The field, with the estimates as prior of the untouched cells at points of the cloud.
     field: Py<Field>,
     /// `torque`, `cells` or `knn`.
     method: &'static str,
-    /// What points were compared by.
+    /// Features by which points were compared.
     features: String,
 }
 
@@ -42,13 +42,13 @@ impl Extrapolation {
     }
 }
 
-/// Carries the stiffness of a field over to all that a camera saw, as `palpate extrapolate` does.
+/// Estimates the stiffness of untouched cells that a camera saw, as `palpate extrapolate` does.
 ///
 /// `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m with `colours` (N, 3)
-/// from 0 to 255. `method` is torque (if the field has its memory), cells or knn; without it, torque or
-/// cells, whichever predicts random halves of the remembered touches better, and `field` is as it was, with
-/// a warning, where both predict worse than none. `features` are a colour (chroma, rgb, oklab), height and
-/// shape, joined by `+`.
+/// from 0 to 255. `method` is torque (if the field has its memory), cells or knn. If it is left out, it is
+/// the one of torque and cells that predicts random halves of the remembered touches better; if both
+/// predict worse than no extrapolation, `field` is returned unchanged, with a warning. `features` are a
+/// colour (chroma, rgb, oklab), height and shape, joined by `+`.
 #[pyfunction]
 #[pyo3(signature = (
     field, cloud, colours = None, robot = None, *, method = None, features = None,
@@ -102,7 +102,7 @@ pub(crate) fn extrapolate(
     })
 }
 
-/// A cloud from a file, or from points and their colours; and what errors call it.
+/// A cloud from a file, or from points and their colours; with its name for error messages.
 pub(crate) fn read(
     py: Python<'_>,
     any: &Bound<'_, PyAny>,

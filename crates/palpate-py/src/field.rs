@@ -1,4 +1,4 @@
-//! A stiffness field, its arrays shared with NumPy.
+//! A stiffness field, whose arrays are shared with NumPy.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -34,12 +34,12 @@ use crate::path_predictor::{PathPredictor, cluster_weight};
 use crate::watch::{long, unshown};
 use crate::{robot, settings};
 
-/// What a field returns of places: stiffness, std and counts.
+/// Stiffness, std and counts at points.
 type Estimates = (Py<PyArray1<f64>>, Py<PyArray1<f64>>, Py<PyArray1<u32>>);
 
-/// The stiffness of N cells that were touched or expected to be stiff.
+/// The stiffness of N cells that were touched or have a prior of their own.
 ///
-/// Arrays are read-only, share the memory of the field, and are the same object every time.
+/// Arrays are read-only and share the memory of the field; each access returns the same object.
 #[pyclass(frozen, module = "palpate")]
 pub(crate) struct Field {
     /// Rest points, (N, 3), m, frame of the robot's base.
@@ -51,19 +51,19 @@ pub(crate) struct Field {
     /// Standard deviation of K, (N,), N/m.
     #[pyo3(get)]
     std: Py<PyArray1<f64>>,
-    /// Frames that touched each point, (N,); 0 if its stiffness is only expected.
+    /// Number of frames that touched each cell, (N,); 0 if its stiffness is only a prior.
     #[pyo3(get)]
     counts: Py<PyArray1<u32>>,
     /// Cell number of each point in the lattice, (N,).
     #[pyo3(get)]
     cells: Py<PyArray1<u32>>,
-    /// What K would be had nothing been touched, (N,), N/m; None if that is the same of all.
+    /// Prior mean of K, (N,), N/m; None if it is the same for all cells.
     #[pyo3(get)]
     prior: Option<Py<PyArray1<f64>>>,
-    /// The box that the cells belong to.
+    /// The lattice that contains the cells.
     #[pyo3(get)]
     lattice: Py<Lattice>,
-    /// Name of the robot that touched them.
+    /// Name of the robot with which it was learnt.
     #[pyo3(get, name = "robot_name")]
     robot: String,
     /// K of all other cells, N/m.
@@ -78,7 +78,7 @@ pub(crate) struct Field {
 }
 
 impl Field {
-    /// Moves a field's numbers to where NumPy has them.
+    /// Moves the arrays of a field to NumPy arrays.
     pub(crate) fn of(py: Python<'_>, saved: Saved) -> Result<Self> {
         let Saved { field, prior_n_per_m, robot, snapshot, elastic_touches } = saved;
         let point = |cell: &CellId| <[f64; 3]>::from(field.lattice.point(*cell));
@@ -102,7 +102,7 @@ impl Field {
         })
     }
 
-    /// The field as the core has it.
+    /// A copy as a field of the core crate.
     pub(crate) fn core(&self, py: Python<'_>) -> palpate::Field {
         let (contact, touch) = (self.contact.clone(), self.touch.clone());
         let lattice = self.lattice.get().inner.clone();
@@ -116,7 +116,7 @@ impl Field {
         field
     }
 
-    /// The field with everything that gives it meaning.
+    /// A copy with everything that a file contains; with `memory`, also its snapshot and touches.
     pub(crate) fn saved(&self, py: Python<'_>, memory: bool) -> Saved {
         Saved {
             field: self.core(py),
@@ -127,7 +127,7 @@ impl Field {
         }
     }
 
-    /// Standard deviation of cells that the field does not know, N/m; NaN if it does not say.
+    /// Standard deviation of untouched cells, N/m; NaN if the field has no memory.
     fn untouched_std(&self) -> f64 {
         self.snapshot.as_ref().map_or(f64::NAN, |snapshot| {
             let config = &snapshot.config;
@@ -135,7 +135,7 @@ impl Field {
         })
     }
 
-    /// A robot as an argument; `None` is the field's own, by name.
+    /// The robot of an argument; for `None`, the robot of the field, loaded by its name.
     pub(crate) fn robot(
         &self,
         py: Python<'_>,
@@ -161,7 +161,7 @@ impl Field {
         Self::of(py, py.detach(|| field::load(&path))?)
     }
 
-    /// Writes the field as .npz, whole or not at all, with its memory if it has one.
+    /// Writes the field as .npz, never partially; `memory` is whether to include its memory, if it has one.
     #[pyo3(signature = (path, memory = true))]
     fn save(&self, py: Python<'_>, path: PathBuf, memory: bool) -> Result<()> {
         let saved = self.saved(py, memory);
@@ -171,9 +171,9 @@ impl Field {
     /// A field from arrays: `points` (N, 3) m, `stiffness` (N,) N/m, `std` (N,) N/m, `counts` (N,).
     ///
     /// Points must be points of `lattice`, each at most once; `Lattice.cells` finds the nearest.
-    /// `std` is 0 and `counts` 1 if left out; a count of 0 says that a stiffness is only expected.
-    /// `untouched` is the stiffness of all other cells, N/m. The contact model and the meaning of
-    /// torques are those of the settings. Raises ValueError, which names the array and the row.
+    /// `std` is 0 and `counts` 1 if left out; a count of 0 means that a stiffness is only a prior.
+    /// `untouched` is the stiffness of all other cells, N/m. The contact model, and sign, gravity and
+    /// tare of torques, are those of the settings. Raises ValueError, which names the array and the row.
     #[staticmethod]
     #[pyo3(signature = (
         points, stiffness, std = None, counts = None, *, lattice, untouched = 0.0,
@@ -206,13 +206,13 @@ impl Field {
         Self::of(py, given.field(&config, robot)?)
     }
 
-    /// Settings of the contact model under which it was learnt, as `contact=` takes them.
+    /// Settings of the contact model with which it was learnt, in the form of `contact=`.
     #[getter]
     fn contact<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         python(py, &json!(self.contact))
     }
 
-    /// Whether mapping can go on from it, and touches be learnt from again.
+    /// Whether the field has its memory, so that mapping can be resumed and touches can be forgotten.
     #[getter]
     fn has_memory(&self) -> bool {
         self.snapshot.is_some()
@@ -220,8 +220,8 @@ impl Field {
 
     /// Stiffness (M,) N/m, its std (M,) N/m and counts (M,) of the cells at `points` (M, 3) m.
     ///
-    /// Cells never touched have the prior's stiffness and std (NaN if the field has no memory, and
-    /// so does not say) and a count of 0; outside the box both are NaN.
+    /// Cells never touched have stiffness and std of the prior (std NaN if the field has no memory) and a
+    /// count of 0; outside of the lattice, stiffness and std are NaN.
     fn query(&self, py: Python<'_>, points: &Bound<'_, PyAny>) -> PyResult<Estimates> {
         let places = self::points(points, "points")?;
         let (field, std) = (self.core(py), self.untouched_std());
@@ -235,10 +235,10 @@ impl Field {
         Ok((stiffness, std, flat(py, count)))
     }
 
-    /// External torque that a motion meets: `q_path` (T, n_joints) rad gives (T, n_joints) N·m.
+    /// Predicts the external torque along a motion: `q_path` (T, n_joints) rad gives (T, n_joints) N·m.
     ///
-    /// The motion starts free of contact, and every row is a step, as in `palpate predict`. The
-    /// robot is the one that learnt the field, by name, if left out.
+    /// The motion starts free of contact, and every row is a step, as in `palpate predict`. If `robot` is
+    /// left out, it is loaded by `robot_name`.
     #[pyo3(signature = (q_path, robot = None, progress = None))]
     fn predict(
         &self,
@@ -255,10 +255,10 @@ impl Field {
         Ok(table_of(py, torques.iter().map(|torque| torque.as_slice()), joints))
     }
 
-    /// The field, to say what torque many motions of an arm would meet.
+    /// A copy of the field, to predict the torque of many motions of an arm.
     ///
-    /// The robot is the one that learnt the field, by name, if left out. With `coarse`, clusters of cells count as one spring
-    /// each: torques are off by some percent, and come several times as soon.
+    /// If `robot` is left out, it is loaded by `robot_name`. With `coarse`, each cluster of cells is one
+    /// spring: this is several times faster, and torques differ by some percent.
     #[pyo3(signature = (robot = None, *, coarse = false))]
     fn path_predictor(
         &self,
@@ -278,8 +278,8 @@ impl Field {
 
     /// Predicts the touches of logs and compares with the measured torque, as `palpate predict` does.
     ///
-    /// `truth` compares with the true torques beside simulated touches. The settings may change how
-    /// the log is read (`log`) and what its torques mean (`touch`).
+    /// `truth` compares with the true torques that are stored beside simulated touches. The settings may
+    /// change how the log is read (`log`), and sign, gravity and tare of its torques (`touch`).
     #[pyo3(signature = (log, robot = None, *, truth = false, settings = None, progress = None, **sections))]
     #[allow(clippy::too_many_arguments)] // they are keywords
     fn score<'py>(
@@ -305,10 +305,10 @@ impl Field {
         Ok(scored(py, &results, (&field, against), robot.arm.robot.n_joints())?)
     }
 
-    /// Whether touches of logs contradict the field, and what has changed, as `palpate compare` reports it.
+    /// Tests whether touches of logs contradict the field, and what has changed, as `palpate compare` does.
     ///
-    /// The settings may change how the log is read (`log`) and what its torques mean (`touch`). Raises FileError if the
-    /// field has no bands.
+    /// The settings may change how the log is read (`log`), and sign, gravity and tare of its torques
+    /// (`touch`). Raises FileError if the field has no bands.
     #[pyo3(signature = (log, robot = None, *, settings = None, progress = None, **sections))]
     #[allow(clippy::too_many_arguments)] // they are keywords
     fn compare<'py>(
@@ -330,12 +330,13 @@ impl Field {
         Ok(python(py, &json!(report))?)
     }
 
-    /// The candidates that would teach most, the best first, each after those before it, as `palpate next` ranks them.
+    /// Ranks candidate motions by how much they would teach, the best first, as `palpate next` does.
     ///
-    /// `candidates` are motions that could be made, (T, n_joints) rad each, and `task` those whose torques are to be known:
-    /// the candidates if left out. `box` is a pair of corners, m, whose stiffness is to be known instead. `by` is
-    /// "variance" or "information". Left out are motions whose predicted torque may pass `limit`, N·m, and motions
-    /// in which a joint goes beyond its limits. A field with an elastic body takes no `limit`.
+    /// Each is ranked as if those before it were already made. `candidates` are the possible motions,
+    /// (T, n_joints) rad each; `task` are the motions whose torques are to be predicted, by default the
+    /// candidates. With `box`, a pair of corners, m, the stiffness in this box is to be known instead. `by`
+    /// is the criterion, "variance" or "information". Motions are excluded if their predicted torque may
+    /// exceed `limit`, N·m, or if a joint exceeds its limits. With an elastic body, `limit` is not possible.
     #[pyo3(signature = (
         candidates, task = None, *, r#box = None, by = "variance", count = 5, limit = None, robot = None, progress = None
     ))]
@@ -372,11 +373,11 @@ impl Field {
         Ok(python(py, &json!(found))?)
     }
 
-    /// The field as if some of its touches had never been, as `palpate forget` makes it.
+    /// A copy of the field in which some of its touches were never learnt, as `palpate forget` makes it.
     ///
-    /// Those of the names or numbers (such as "#3") in `touches`, those before the last `older_than`, and those that touched
-    /// a point between two corners, `box`, m. Raises PalpateError if the field has no memory, or not all others can be learnt
-    /// again.
+    /// Forgotten are the `touches` with these names or numbers (such as "#3"), all touches before the last
+    /// `older_than`, and those that touched a cell in `box`, a pair of corners, m. Raises PalpateError if the
+    /// field has no memory, or the other touches cannot all be learnt again.
     #[pyo3(signature = (touches = None, *, older_than = None, r#box = None, robot = None, progress = None))]
     #[allow(clippy::too_many_arguments)] // they are keywords
     fn without(
@@ -420,7 +421,7 @@ impl Field {
     }
 }
 
-/// Touches that are held against a field, and what their torques mean.
+/// Touches to compare with a field, and sign, gravity and tare of their torques.
 fn beside(
     (field, robot): (&palpate::Field, &robot::Robot),
     (sources, mut settings): (Vec<Source>, Settings),
@@ -435,7 +436,7 @@ fn beside(
     Ok((touches.for_arm(&robot.arm, &settings.log, place)?, touch))
 }
 
-/// Motions from arrays, called by their place.
+/// Motions from arrays, named by their index.
 fn motions(arrays: &[Bound<'_, PyAny>], name: &str, joints: usize) -> Result<Vec<RecordedTouch>> {
     let motion = |(number, array): (usize, &Bound<'_, PyAny>)| {
         let path =
@@ -447,7 +448,7 @@ fn motions(arrays: &[Bound<'_, PyAny>], name: &str, joints: usize) -> Result<Vec
     arrays.iter().enumerate().map(motion).collect()
 }
 
-/// What `palpate predict --json` prints, with the torques of each touch.
+/// The report of `palpate predict --json`, with the torques of each touch added.
 fn scored<'py>(
     py: Python<'py>,
     results: &[TouchResult],
@@ -473,7 +474,7 @@ fn scored<'py>(
     Ok(report)
 }
 
-/// A field from the bytes that it was pickled as.
+/// Restores a field from its pickled bytes.
 #[pyfunction]
 pub(crate) fn unpickled_field(py: Python<'_>, bytes: &[u8]) -> Result<Field> {
     Field::of(py, field::from_bytes(bytes, "the pickled field")?)

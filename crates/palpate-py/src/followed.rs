@@ -1,4 +1,4 @@
-//! Touches that were read and followed for one evaluation, and serve the next of the same log.
+//! Cache of the touches of the last evaluation, with their contacts, for the next evaluation of the same log.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -14,23 +14,23 @@ use serde_json::json;
 use crate::log::{Source, opened};
 use crate::watch::{Message, Watch};
 
-/// Touches as an evaluation has them.
+/// Touches of an evaluation, with their contacts.
 pub(crate) struct Followed {
-    /// What they follow from.
+    /// Everything that they depend on, as JSON.
     key: String,
-    /// As they are recorded.
+    /// The touches as recorded.
     pub(crate) recorded: Vec<RecordedTouch>,
-    /// As they are evaluated.
+    /// The touches as evaluated.
     pub(crate) touches: Vec<Touch>,
-    /// With their contacts under the settings of `map`.
+    /// The touches with their contacts, with the settings of `map`.
     tracked: Arc<Tracked>,
-    /// What the logs' torques were found to mean.
+    /// Sign, gravity and tare of the torques, as found in the logs.
     touch: TouchSettings,
     /// The notes and warnings about the logs.
     messages: Vec<Message>,
 }
 
-/// Those of the last call that named its logs. One log at a time: its contacts can take much memory.
+/// The touches of the last call with a name (`reuse`). Only one is kept, since contacts can take much memory.
 static LAST: Mutex<Option<Arc<Followed>>> = Mutex::new(None);
 
 impl Followed {
@@ -39,8 +39,8 @@ impl Followed {
         Arc::clone(&self.tracked)
     }
 
-    /// Reads logs as the command does, and follows them; or takes what the last call has found, if `named` says that these
-    /// are the same logs and the same arm, and all settings that matter for it are the same.
+    /// Reads logs as the command does and computes contacts; or returns those of the last call, if the name `named` and
+    /// all settings that matter are the same.
     pub(crate) fn of(
         sources: Vec<Source>,
         settings: &mut Settings,
@@ -54,7 +54,7 @@ impl Followed {
         let is_same = |last: &Arc<Self>| named.is_some() && last.key == key;
         let kept = {
             let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
-            *last = last.take().filter(is_same); // before others take its place in memory
+            *last = last.take().filter(is_same); // frees its memory before new touches are read
             last.clone()
         };
         if let Some(followed) = kept {

@@ -1,4 +1,4 @@
-//! An arm identified from free motion, and external torques of logs.
+//! Identification of an arm from free motion, and external torques of logs.
 
 use palpate::{Differentiation, TorqueModel};
 use palpate_work::identify::{self as identification, IdentifySettings};
@@ -18,19 +18,20 @@ use crate::robot::{self, Robot};
 use crate::settings;
 use crate::watch::long;
 
-/// Finds payload, friction, bias and delay of an arm from logs of it in free motion, as `palpate identify` does.
+/// Finds payload, friction, bias and delay of an arm from logs of free motion, as `palpate identify` does.
 ///
-/// `log` is a path, a `Log`, a `Touch`, or several. `tool_link` names the link in whose frame the payload is given, the
-/// last joint's if left out; with `currents`, or if columns say so, torques are the drives' currents. Returns a dict as the
-/// command's JSON: `payload`, `joints`, `bodies`, `delay_s` with values and standard deviations; `touched`, the part of the
-/// samples that is left out, since something is touched in them; `read_times`, how far stamps are from the times at which
-/// the joints were read; `held_out` with the residual torques, N·m; `misfit`, what is wrong if that is too much, or None;
-/// `text` is the file for `Robot(..., arm="arm.toml")` and the command's --arm.
+/// `log` is a path, a `Log`, a `Touch`, or several. `tool_link` names the link in whose frame the payload
+/// is given, that of the last joint if left out. With `currents`, or if the names of columns show it, the
+/// torques are motor currents. Returns a dict like the command's JSON: `payload`, `joints`, `bodies` and
+/// `delay_s` with values and standard deviations; `touched`, the share of the samples that is left out
+/// because of contact; `read_times`, how far stamps are from the times at which the joints were read;
+/// `held_out` with the residual torques, N·m; `misfit`, what is wrong if these are too large, or None;
+/// `text`, the content of the file for `Robot(..., arm="arm.toml")` and the command's --arm.
 ///
-/// Raises SettingsError, FileError or PalpateError if the logs do not serve.
+/// Raises SettingsError, FileError or PalpateError if the logs cannot be used.
 #[pyfunction]
 #[pyo3(signature = (log, robot = None, *, tool_link = None, currents = false, settings = None, progress = None, **sections))]
-#[allow(clippy::too_many_arguments)] // of Python
+#[allow(clippy::too_many_arguments)] // they are keywords
 pub(crate) fn identify<'py>(
     py: Python<'py>,
     log: &Bound<'py, PyAny>,
@@ -63,16 +64,16 @@ pub(crate) fn identify<'py>(
 
 /// External torques of logs with their standard deviations, as `palpate torque` writes them.
 ///
-/// `log` is a path, a `Log`, a `Touch`, or several; `robot` an arm that was identified, `Robot(..., arm="arm.toml")`, or
-/// any other, whose standard deviations are a guess. Returns a dict for each touch: `name`, `time` (T,) s or None, `q` (T,
-/// n_joints) rad in the robot's order, `torque` and `std` (T, n_joints) N·m, `statistic` (T,): the largest |torque| over
-/// its std, and `threshold`, which contact-free
-/// motion passes `false_alarms_per_hour` times an hour; None if nothing says it.
+/// `log` is a path, a `Log`, a `Touch`, or several. `robot` is an identified arm, `Robot(..., arm="arm.toml")`,
+/// or any other arm, whose standard deviations are then a guess. Returns a dict for each touch: `name`,
+/// `time` (T,) s or None, `q` (T, n_joints) rad in the robot's order, `torque` and `std` (T, n_joints) N·m,
+/// `statistic` (T,): the largest |torque| / std over the joints, and `threshold`, which the statistic of
+/// contact-free motion exceeds `false_alarms_per_hour` times an hour; None if it is not known.
 ///
 /// Raises SettingsError, FileError or TouchError.
 #[pyfunction]
 #[pyo3(signature = (log, robot = None, *, causal = false, bandwidth_hz = None, false_alarms_per_hour = 1.0, settings = None, progress = None, **sections))]
-#[allow(clippy::too_many_arguments)] // of Python
+#[allow(clippy::too_many_arguments)] // they are keywords
 pub(crate) fn external_torques<'py>(
     py: Python<'py>,
     log: &Bound<'py, PyAny>,
@@ -121,8 +122,8 @@ pub(crate) fn external_torques<'py>(
     Ok(list)
 }
 
-/// Reads logs whole, joints in the robot's order; with a model, torques are external ones, and else those of the motors or
-/// their currents.
+/// Reads all touches of logs, with joints in the robot's order. With a model, torques are external torques; without,
+/// motor torques or currents.
 fn read(
     mut touches: Touches,
     (robot, settings): (&Robot, &mut Settings),

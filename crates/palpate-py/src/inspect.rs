@@ -1,4 +1,4 @@
-//! What a log holds, and what looks wrong with it.
+//! Reports the content of a log, and what looks wrong with it.
 
 use palpate_work::inspect::log;
 use palpate_work::settings::Settings;
@@ -12,16 +12,16 @@ use crate::log::{Source, opened, sources};
 use crate::watch::long;
 use crate::{robot, settings};
 
-/// Says what a log holds and what looks wrong with it, as `palpate inspect` does.
+/// Reports the content of a log and what looks wrong with it, as `palpate inspect` does.
 ///
-/// `log` is a path, a `Log`, a `Touch`, or several, which are read as one. Torques are held against
-/// the gravity of the robot; contacts are looked for in the lattice and by the contact model of the
-/// settings, such as `lattice=Lattice(...)`, as `Mapper.map` would. `findings` have a `level`
-/// (note, warning or error), `what` was seen and the `remedy`, errors first. `log` has the figures: how to
-/// read the torques (`reading`), what is touched (`touched`) and those of every touch, N·m, s, rad;
-/// it is None if nothing can be read.
+/// `log` is a path, a `Log`, a `Touch`, or several, which are read as one. Torques are compared with
+/// the gravity of the robot. Contacts are computed as by `Mapper.map`, with lattice and contact model of
+/// the settings, such as `lattice=Lattice(...)`. `findings` have a `level` (note, warning or error), `what`
+/// was seen and the `remedy`, errors first. `log` has the figures: units, sign and gravity of the log
+/// (`reading`), the cells touched (`touched`), and figures of every touch, N·m, s, rad; it is None if
+/// nothing can be read.
 ///
-/// Raises SettingsError or FileError; what is wrong with the log itself is a finding.
+/// Raises SettingsError or FileError; defects of the log itself are findings.
 #[pyfunction]
 #[pyo3(signature = (log, robot = None, *, settings = None, progress = None, **sections))]
 pub(crate) fn inspect<'py>(

@@ -1,4 +1,4 @@
-//! The workspace box and its points.
+//! The lattice: the workspace box and its points.
 
 use numpy::{PyArray1, PyArray2};
 use palpate::CellId;
@@ -19,7 +19,7 @@ pub(crate) struct Lattice {
     pub(crate) inner: palpate::Lattice,
 }
 
-/// Three numbers of an argument.
+/// An argument of three numbers.
 fn three(any: &Bound<'_, PyAny>, name: &str) -> PyResult<[f64; 3]> {
     let row = row(any, name, Some(3))?;
     Ok([row[0], row[1], row[2]])
@@ -38,7 +38,7 @@ impl Lattice {
         Ok(Self { inner: palpate::Lattice::new(three(origin, "origin")?, spacing, sides)? })
     }
 
-    /// The points that fill the box between the corners `low` and `high` (3,) m.
+    /// The lattice that fills the box from corner `low` to `high` (3,) m, every `spacing` m.
     #[staticmethod]
     fn filling(low: &Bound<'_, PyAny>, high: &Bound<'_, PyAny>, spacing: f64) -> Result<Self> {
         let (low, high) = (three(low, "low")?, three(high, "high")?);
@@ -57,13 +57,13 @@ impl Lattice {
         self.inner.spacing_m()
     }
 
-    /// Points along x, y and z.
+    /// Number of points along x, y and z.
     #[getter]
     fn shape(&self) -> (u32, u32, u32) {
         self.inner.shape().into()
     }
 
-    /// Points in all.
+    /// Number of points.
     #[getter]
     fn n_cells(&self) -> u64 {
         self.inner.n_cells()

@@ -1,19 +1,19 @@
-//! The Python package `palpate`: NumPy in and out over the crates of palpate.
+//! The Python package `palpate`: the crates of palpate with NumPy arrays as input and output.
 //!
-//! | module        | says                                                            |
+//! | module        | content                                                         |
 //! |---------------|-----------------------------------------------------------------|
-//! | `array`       | NumPy arrays from and to rows of numbers                        |
-//! | `error`       | every error as a Python exception with the same text            |
-//! | `data`        | plain Python data from and to JSON and TOML                     |
-//! | `watch`       | long work with the GIL released, Ctrl-C and progress            |
-//! | `shared`      | what several Python threads may use, one at a time              |
-//! | `command`     | the command `palpate`, which the package installs as well       |
-//! | others        | one class or question each                                      |
+//! | `array`       | conversion between NumPy arrays and rows of numbers             |
+//! | `error`       | conversion of errors to Python exceptions with the same text    |
+//! | `data`        | conversion between plain Python data and JSON or TOML           |
+//! | `watch`       | long calls with the GIL released, Ctrl-C and progress           |
+//! | `shared`      | objects that Python threads use one at a time                   |
+//! | `command`     | the command `palpate`, which the package installs too           |
+//! | others        | one class or function each                                      |
 //!
-//! There is no logic here: what the command does as well is `palpate_work`'s. Shapes and dtypes are
-//! checked once, at this door.
+//! There is no logic here: functions that the command has too are in `palpate_work`. Shapes and
+//! dtypes of arguments are checked once, here.
 #![forbid(unsafe_code)]
-#![allow(clippy::needless_pass_by_value)] // arguments are made for each call
+#![allow(clippy::needless_pass_by_value)] // PyO3 creates the arguments for each call
 
 mod array;
 mod command;

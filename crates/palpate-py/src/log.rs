@@ -18,16 +18,16 @@ use crate::array::{copied, flat, row, rows, table_of};
 use crate::data;
 use crate::error::Result;
 
-/// What held touches are called in errors.
+/// Name of touches in memory, for error messages.
 const HELD: &str = "touches";
 
 /// Touches in files, read as a stream: iterating yields one `Touch` after another.
 ///
-/// `open_log` makes one. Only the touch at hand is in memory, and each `for` starts anew.
+/// `open_log` returns it. Only the current touch is in memory; each `for` begins with the first.
 #[pyclass(frozen, module = "palpate")]
 #[derive(Clone)]
 pub(crate) struct Log {
-    /// Where it is.
+    /// Paths of the log.
     #[pyo3(get)]
     paths: Vec<PathBuf>,
     settings: LogSettings,
@@ -36,18 +36,18 @@ pub(crate) struct Log {
 /// One touch: an approach, a push and a retreat, T frames.
 ///
 /// `q` are joint positions (T, n_joints) rad, `tau` joint torques as logged (T, n_joints) N·m,
-/// `time` (T,) s. `joint_names` say the order of the joints, which is the robot's if left out.
+/// `time` (T,) s. `joint_names` are the joints of the columns; in the robot's order if left out.
 #[pyclass(frozen, get_all, module = "palpate")]
 pub(crate) struct Touch {
-    /// Its name.
+    /// Name of the touch.
     name: String,
     /// Joint positions, (T, n_joints), rad (m where prismatic).
     q: Py<PyArray2<f64>>,
     /// Joint torques as logged, (T, n_joints), N·m.
     tau: Py<PyArray2<f64>>,
-    /// By the log's clock, (T,), s; None if it has none.
+    /// Time by the log's clock, (T,), s; None if the log has no clock.
     time: Option<Py<PyArray1<f64>>>,
-    /// Names of the joints in the order of the columns; None if the log does not say.
+    /// Names of the joints in the order of the columns; None if the log does not contain them.
     joint_names: Option<Vec<String>>,
 }
 
@@ -57,11 +57,11 @@ pub(crate) struct TouchIterator {
     touches: Mutex<Touches>,
 }
 
-/// Where touches come from.
+/// A source of touches.
 pub(crate) enum Source {
-    /// A log's paths, and how they are read if that was said.
+    /// Paths of a log, and its settings for reading.
     Log(Vec<PathBuf>, LogSettings),
-    /// A touch that Python holds.
+    /// A touch in memory.
     Touch(RecordedTouch),
 }
 
@@ -69,8 +69,8 @@ pub(crate) enum Source {
 ///
 /// A log is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file
 /// or a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet. `options` are the keys of
-/// `palpate.settings.LogSettings`; parting at pauses (`split_idle`) needs a robot, and is done by
-/// what learns from the log.
+/// `palpate.settings.LogSettings`; splitting at pauses (`split_idle`) needs a robot, and is done by
+/// the function that uses the log.
 ///
 /// Raises LogError, which names the file and the remedy.
 #[pyfunction]
@@ -91,7 +91,7 @@ pub(crate) fn open_log(
         }
     }
     let log = Log { paths, settings };
-    log.touches(path.py())?; // so that most defects show now
+    log.touches(path.py())?; // reports most defects now rather than later
     Ok(log)
 }
 
@@ -101,7 +101,7 @@ impl Log {
     }
 }
 
-/// The sources that an argument means: a path, a [`Log`], a [`Touch`], or several of them.
+/// The sources in an argument: a path, a [`Log`], a [`Touch`], or several of them.
 pub(crate) fn sources(any: &Bound<'_, PyAny>) -> PyResult<Vec<Source>> {
     nested_sources(any, 0)
 }
@@ -135,7 +135,7 @@ fn nested_sources(any: &Bound<'_, PyAny>, depth: usize) -> PyResult<Vec<Source>>
     Ok(all)
 }
 
-/// Opens sources as one log; what a [`Log`] says of its format goes before `settings`.
+/// Opens sources as one log; the options of a [`Log`] override `settings`.
 pub(crate) fn opened(sources: Vec<Source>, settings: &LogSettings) -> Result<Touches, WorkError> {
     let mut all = Touches::default();
     for source in sources {
@@ -214,7 +214,7 @@ impl Touch {
     }
 }
 
-/// Rows of positions and torques, with their times if there are any.
+/// Samples from rows of positions and torques, with times if there are any.
 fn samples(q: Vec<Vec<f64>>, tau: Vec<Vec<f64>>, time: Option<&[f64]>) -> Vec<Sample> {
     let rows = q.into_iter().zip(tau).enumerate();
     rows.map(|(row, (q, tau))| Sample::new(time.map(|time| time[row]), q, tau)).collect()

@@ -32,9 +32,9 @@ use crate::watch::{long, unshown};
 ///
 /// `robot` is a `Robot`, a name or a path; `method` is `map`, the exact maximum a posteriori, or
 /// `ekf`, the paper's filter. `settings` are those of the command: the path of a TOML file or a dict
-/// of its sections, over which `sections` are laid, such as `contact={"friction": 0.3}` or
-/// `lattice=Lattice(...)`; `palpate.settings` has all keys. `prior` is a field that says what is
-/// expected of its cells before they are touched. Threads that use one mapper wait for each other.
+/// of its sections; `sections` override them, such as `contact={"friction": 0.3}` or
+/// `lattice=Lattice(...)`; `palpate.settings` has all keys. `prior` is a field whose stiffness is the
+/// prior of its cells. Threads that use the same mapper wait for each other.
 ///
 /// Raises SettingsError if a setting is unknown or out of its range.
 #[pyclass(frozen, module = "palpate")]
@@ -46,20 +46,20 @@ pub(crate) struct Mapper {
 
 struct State {
     mapper: palpate::Mapper,
-    /// Makes torques external ones, of an arm that was identified.
+    /// Computes external torques, for an identified arm.
     stream: Option<TorqueStream>,
-    /// Whether a touch was begun and not ended.
+    /// Whether a touch is under way.
     in_touch: bool,
 }
 
-/// What one sample gave.
+/// Result of one sample.
 #[pyclass(frozen, module = "palpate", get_all)]
 pub(crate) struct StepReport {
-    /// Points touched.
+    /// Number of cells touched.
     contacts: usize,
-    /// External torque, gravity and tare taken off, (n_joints,) N·m; None while taring.
+    /// External torque, with gravity and tare subtracted, (n_joints,) N·m; None while taring.
     external: Option<Py<PyArray1<f64>>>,
-    /// What the field expected before it learnt from the sample, (n_joints,) N·m; None with that.
+    /// External torque predicted before the sample was learnt, (n_joints,) N·m; None while taring.
     predicted: Option<Py<PyArray1<f64>>>,
 }
 
@@ -77,7 +77,7 @@ impl Mapper {
         Ok(Self { state: Shared::new(State { mapper, stream, in_touch }), robot, settings })
     }
 
-    /// A mapper that goes on from a field.
+    /// A mapper that resumes from a field.
     fn going_on(
         py: Python<'_>,
         (saved, name): (Saved, &str),
@@ -127,9 +127,9 @@ impl Mapper {
         Self::of(mapper, robot, settings)
     }
 
-    /// Goes on from a field that `save` or `palpate map` wrote, as if it had never stopped.
+    /// Resumes mapping from a field that `save` or `palpate map` wrote, as if it had not been interrupted.
     ///
-    /// Settings, if given, must agree with the field's own. Raises PalpateError if it was saved
+    /// Settings, if given, must agree with those of the field. Raises PalpateError if the field was saved
     /// without its memory or learnt with another robot.
     #[staticmethod]
     #[pyo3(signature = (path, robot = None, settings = None, **sections))]
@@ -146,7 +146,7 @@ impl Mapper {
         Self::going_on(py, (saved, &path.display().to_string()), robot, settings)
     }
 
-    /// Goes on from a field that has its memory, as `load` does from a file.
+    /// Resumes mapping from a field with memory, as `load` does from a file.
     #[staticmethod]
     #[pyo3(signature = (field, robot = None, settings = None, **sections))]
     fn from_field(
@@ -173,15 +173,15 @@ impl Mapper {
         Ok(self.state.take(py)?.borrow().mapper.config().method.name())
     }
 
-    /// The configuration that holds, as the field's file has it.
+    /// The complete configuration, in the form that the field's file contains.
     #[getter]
     fn config<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         python(py, &json!(self.state.take(py)?.borrow().mapper.config()))
     }
 
-    /// Starts a touch: the next samples belong to it, and its start gives the tare.
+    /// Starts a touch: the next samples belong to it, and the first of them give the tare.
     ///
-    /// `Field.without` forgets it by its name.
+    /// `Field.without` can forget the touch by its name.
     #[pyo3(signature = (name = ""))]
     fn begin_touch(&self, py: Python<'_>, name: &str) -> PyResult<()> {
         let state = self.state.take(py)?;
@@ -195,11 +195,11 @@ impl Mapper {
         Ok(())
     }
 
-    /// Learns from one sample: `q` (n_joints,) rad, `tau` (n_joints,) N·m as logged, `time` in s. One within
-    /// 45 ms of the last that was learned from is only predicted. Without times, samples
-    /// between which the fastest joint moves less than 2 mrad are thinned out.
+    /// Learns from one sample: `q` (n_joints,) rad, `tau` (n_joints,) N·m as logged, `time` in s. A sample
+    /// within 45 ms of the last learnt one is only predicted. Without times, samples between which the fastest
+    /// joint moves less than 2 mrad are thinned out.
     ///
-    /// Raises TouchError if the sample cannot be used; it has then taught nothing.
+    /// Raises TouchError if the sample cannot be used; nothing is then learnt from it.
     #[pyo3(signature = (q, tau, time = None))]
     fn step(
         &self,
@@ -235,7 +235,7 @@ impl Mapper {
         })
     }
 
-    /// Ends the touch. Raises TouchError if it was shorter than the tare asked for.
+    /// Ends the touch. Raises TouchError if it had fewer samples than the tare of the settings.
     fn end_touch(&self, py: Python<'_>) -> Result<()> {
         let state = self.state.take(py)?;
         let mut state = state.borrow_mut();
@@ -246,9 +246,9 @@ impl Mapper {
 
     /// Learns the touches of logs, given by path, as `Log` or as `Touch`, in their order.
     ///
-    /// The cells are those of `palpate map --tune=off` to the bit. `progress` is None for a bar where somebody
-    /// can see it, True, False, or a callable of frames done and in all. Ctrl-C raises
-    /// KeyboardInterrupt; the mapper then knows all samples before it and can go on.
+    /// The field is identical to that of `palpate map --tune=off`. `progress` is None for a bar if a terminal
+    /// or notebook shows it, True, False, or a callable that gets the numbers of frames done and in total.
+    /// Ctrl-C raises KeyboardInterrupt; the mapper has then learnt all earlier samples and can continue.
     #[pyo3(signature = (log, progress = None))]
     fn map<'py>(
         &self,
@@ -259,7 +259,7 @@ impl Mapper {
         let sources = sources(log)?;
         let state = self.state.take(py)?;
         let State { mapper, in_touch, .. } = &mut *state.borrow_mut();
-        *in_touch = false; // a touch under way ends where the next one begins
+        *in_touch = false; // the first touch of the log ends a touch under way
         let settings = &self.settings.log;
         let figures = long(py, progress, |progress| -> Result<_, WorkError> {
             let mut touches = opened(sources, settings)?;
@@ -280,18 +280,18 @@ impl Mapper {
         Ok(python(py, &figures)?)
     }
 
-    /// The field as it is now, with its memory: a snapshot, which later samples do not change.
+    /// A copy of the present field with its memory; later samples do not change it.
     fn field(&self, py: Python<'_>) -> Result<Field> {
         let saved = Saved::of_mapper(&self.state.take(py)?.borrow().mapper);
         Field::of(py, saved)
     }
 
-    /// What torque a motion would meet: `path` is (P, n_joints) rad.
+    /// Predicts the external torque along a motion: `path` is (P, n_joints) rad.
     ///
-    /// Joints go straight from point to point. A path that starts where the arm is in a touch under
-    /// way goes on from the contacts there, if no point of the arm is further off than `start_cells`
-    /// cells; any other starts free of contact. Between stops at most `resolution_cells` cells apart
-    /// torques go in proportion; 0 stops at every point.
+    /// Joints move linearly from point to point. During a touch, a path continues from the present contacts
+    /// if no point of the arm is further than `start_cells` cells from its place at the start of the path; any
+    /// other path starts free of contact. Contacts are computed at stops at most `resolution_cells` cells
+    /// apart, and torques between them are interpolated; with 0, every point is a stop.
     ///
     /// Raises TouchError if the path cannot be followed.
     #[pyo3(signature = (path, resolution_cells = None, start_cells = None))]
@@ -305,10 +305,10 @@ impl Mapper {
         self.path_predictor(py, false)?.ask(py, path, resolution_cells, start_cells, false)
     }
 
-    /// The field and the arm as they are now, to say what torque many motions would meet.
+    /// A copy of the present field and contacts, to predict the torque of many motions.
     ///
-    /// With `coarse`, clusters of cells count as one spring each: torques are off by some percent, and come
-    /// several times as soon.
+    /// With `coarse`, each cluster of cells is one spring: this is several times faster, and torques differ
+    /// by some percent.
     #[pyo3(signature = (coarse = false))]
     fn path_predictor(&self, py: Python<'_>, coarse: bool) -> PyResult<PathPredictor> {
         let weight = cluster_weight(coarse);
@@ -316,7 +316,7 @@ impl Mapper {
         Ok(PathPredictor::of(predictor))
     }
 
-    /// Writes the field as .npz, whole or not at all; without `memory` it cannot be gone on from.
+    /// Writes the field as .npz, never partially; without `memory`, mapping cannot be resumed from it.
     #[pyo3(signature = (path, memory = true))]
     fn save(&self, py: Python<'_>, path: PathBuf, memory: bool) -> Result<()> {
         let mut saved = Saved::of_mapper(&self.state.take(py)?.borrow().mapper);

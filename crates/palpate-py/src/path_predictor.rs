@@ -1,4 +1,4 @@
-//! What torque planned motions would meet.
+//! Predicts the torque of planned motions.
 
 use nalgebra::DVector;
 use numpy::{PyArray1, PyArray2};
@@ -12,36 +12,36 @@ use crate::array::{flat, rows, table_of};
 use crate::error::{Result, TouchError};
 use crate::watch::unshown;
 
-/// A field at one moment, and the arm with what it touches, to predict the torque of motions.
+/// A copy of a field and of the arm's contacts, to predict the torque of motions.
 ///
-/// `Field.path_predictor` and `Mapper.path_predictor` make one. It stays as it is, and threads may share it.
+/// `Field.path_predictor` and `Mapper.path_predictor` return it. It never changes, and threads may share it.
 #[pyclass(frozen, module = "palpate")]
 pub(crate) struct PathPredictor {
     inner: palpate::PathPredictor,
 }
 
-/// What a field says of a path of P points.
+/// Predicted torques along a path of P points.
 #[pyclass(frozen, module = "palpate", get_all)]
 pub(crate) struct Answer {
-    /// External torque that the path would meet, (P, n_joints), N·m.
+    /// Predicted external torque, (P, n_joints), N·m.
     torque: Py<PyArray2<f64>>,
-    /// Its standard deviation by the uncertainty of the springs alone, (P, n_joints), N·m.
+    /// Standard deviation of `torque` from the uncertainty of the springs alone, (P, n_joints), N·m.
     ///
-    /// It ranks paths by how well their resistance is known; it bounds no error.
+    /// Use it to rank paths by how well their torque is known; it is no bound of the error.
     torque_std: Py<PyArray2<f64>>,
-    /// Half-width of the band around it at 90 %, or the highest level of the field, (P, n_joints), N·m.
+    /// Half-width of the band around `torque`, (P, n_joints), N·m; None if the field has no bands.
     ///
-    /// None of a field without bands.
+    /// Its level is 90 %, or the highest level of the field if that is lower.
     half_width: Option<Py<PyArray2<f64>>>,
-    /// The same of the band that holds the largest torque of a joint along the path, (P, n_joints), N·m.
+    /// As `half_width`, of the band for the largest torque of a joint along the path, (P, n_joints), N·m.
     peak_half_width: Option<Py<PyArray2<f64>>>,
-    /// Points of the lattice touched, (P,).
+    /// Number of cells touched, (P,).
     contacts: Py<PyArray1<u64>>,
-    /// Those of them that were touched when the field was learnt, (P,).
+    /// Number of these cells that were touched when the field was learnt, (P,).
     known: Py<PyArray1<u64>>,
-    /// Whether the path went on from what the arm touched, rather than free of contact.
+    /// Whether the path continued from the arm's contacts, rather than free of contact.
     goes_on: bool,
-    /// Points of the path where the arm was looked at; the others lie between.
+    /// Number of points at which contacts were computed; torques at the others are interpolated.
     stops: usize,
 }
 
@@ -55,7 +55,7 @@ impl PathPredictor {
         Self { inner }
     }
 
-    /// A path as an argument, a row a point.
+    /// The path of an argument, one row for each point.
     fn path(&self, any: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<Vec<f64>>> {
         let joints = self.inner.n_joints();
         rows(any, name, Some(joints), &format!("(P, {joints})"))
@@ -73,17 +73,17 @@ fn config(resolution_cells: Option<f64>, start_cells: Option<f64>, inside: bool)
 
 #[pymethods]
 impl PathPredictor {
-    /// Numbers that a point of a path has.
+    /// Number of joints: columns of a path.
     #[getter]
     fn n_joints(&self) -> usize {
         self.inner.n_joints()
     }
 
-    /// What torque a motion would meet: `path` is (P, n_joints) rad.
+    /// Predicts the external torque along a motion: `path` is (P, n_joints) rad.
     ///
-    /// As `Mapper.ask`. A path that does not go on from what the arm touches starts free of contact, and what
-    /// the links cover at its first point counts as empty. With `inside`, it counts as pushed out to the nearest
-    /// surface instead: for a posture, or a piece of a path, within the object.
+    /// Arguments are those of `Mapper.ask`. A path that does not continue from the contacts of the arm starts
+    /// free of contact: cells that the links cover at its first point count as empty. With `inside`, these cells
+    /// are pushed out to the nearest surface instead: for a posture, or a piece of a path, in the object.
     ///
     /// Raises TouchError if the path cannot be followed.
     #[pyo3(signature = (path, resolution_cells = None, start_cells = None, inside = false))]
@@ -101,7 +101,7 @@ impl PathPredictor {
         Ok(Answer::of(py, answer, self.inner.n_joints()))
     }
 
-    /// What torque each of several motions would meet, to the bit as `ask` says it, on all threads together.
+    /// Predicts the external torque along several motions in parallel; results are identical to those of `ask`.
     ///
     /// Raises TouchError, with the number of the path, if one cannot be followed.
     #[pyo3(signature = (paths, resolution_cells = None, start_cells = None, inside = false))]

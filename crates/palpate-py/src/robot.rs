@@ -1,4 +1,4 @@
-//! The arm.
+//! The robot arm.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -22,8 +22,8 @@ use crate::watch::unshown;
 ///
 /// `name_or_urdf` is the path of a URDF or the name of a built-in robot, `kinova_gen3` if left out;
 /// `packages` are folders of ROS packages for `package://` paths of meshes. `options` are the other
-/// keys of `palpate.settings.RobotSettings`: a payload, where baked meshes are kept. Meshes are baked
-/// at the first use and cached.
+/// keys of `palpate.settings.RobotSettings`, such as a payload. Meshes are converted to grids of signed
+/// distances at the first use; these are cached.
 ///
 /// Raises FileError if there is no such robot or its files are broken.
 #[pyclass(frozen, module = "palpate")]
@@ -31,12 +31,12 @@ use crate::watch::unshown;
 pub(crate) struct Robot {
     pub(crate) arm: Arc<Arm>,
     pub(crate) settings: RobotSettings,
-    /// URDF, meshes and the arm file that it was read from; of a built-in robot none.
+    /// Files that it was read from: URDF and meshes, unless it is built in, and the arm file, if any.
     #[pyo3(get)]
     pub(crate) files: Vec<PathBuf>,
 }
 
-/// A robot as an argument: one, a name, or a path; `None` is the one that the settings name.
+/// The robot of an argument: a [`Robot`], a name, or a path; for `None`, the one in the settings.
 pub(crate) fn given(
     py: Python<'_>,
     any: Option<&Bound<'_, PyAny>>,
@@ -52,7 +52,7 @@ pub(crate) fn given(
     loaded(py, settings)
 }
 
-/// Loads the robot that the settings name.
+/// Loads the robot of the settings.
 fn loaded(py: Python<'_>, settings: RobotSettings) -> Result<Robot> {
     let loaded = unshown(py, |progress| {
         let loaded = robot::load_with_report(&settings)?;
@@ -84,7 +84,7 @@ impl Robot {
         loaded(py, settings)
     }
 
-    /// Its name, as its URDF has it.
+    /// Name of the robot in its URDF.
     #[getter]
     fn name(&self) -> &str {
         self.arm.robot.name()
@@ -116,7 +116,7 @@ impl Robot {
         table(py, joints.flat_map(|joint| joint.range.unwrap_or(unlimited)).collect(), 2)
     }
 
-    /// What gravity exerts on the joints at positions `q` (n_joints,) rad: (n_joints,) N·m.
+    /// Torque of gravity on the joints at positions `q` (n_joints,) rad: (n_joints,) N·m.
     fn gravity(&self, py: Python<'_>, q: &Bound<'_, PyAny>) -> Result<Py<PyArray1<f64>>> {
         let robot = &self.arm.robot;
         let q = row(q, "q", Some(robot.n_joints()))?;

@@ -1,4 +1,4 @@
-//! Settings from a TOML file or a dict, with sections given apart laid over them.
+//! Settings from a TOML file or a dict, overridden by sections given as keywords.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use serde_json::json;
 use crate::data::{given, python, table_of};
 use crate::error::Result;
 
-/// The settings of a call: `settings`, a file or a dict, under sections given apart, such as
+/// The settings of a call: `settings`, a file or a dict, overridden by `sections` such as
 /// `contact={"friction": 0.3}`.
 pub(crate) fn read(
     settings: Option<&Bound<'_, PyAny>>,
@@ -51,7 +51,7 @@ pub(crate) fn section(name: &str, keys: Option<&Bound<'_, PyDict>>) -> Result<Se
     Ok(settings::of_table(&table)?)
 }
 
-/// The settings that are given, as a dict of sections: a file's, or those of a dict after a check.
+/// The given settings, from a file or a dict, checked, as a dict of sections.
 #[pyfunction]
 #[pyo3(signature = (settings = None, **sections))]
 pub(crate) fn given_settings<'py>(
@@ -62,7 +62,7 @@ pub(crate) fn given_settings<'py>(
     Ok(python(py, &given(json!(read(settings, sections)?)))?)
 }
 
-/// All settings that hold when no more than this is said: a dict of sections with every key.
+/// All settings, with defaults for those not given: a dict of sections with every key.
 #[pyfunction]
 #[pyo3(signature = (settings = None, **sections))]
 pub(crate) fn default_settings<'py>(

@@ -1,4 +1,4 @@
-//! What several Python threads may use, one at a time.
+//! An object that several Python threads use one at a time.
 
 use std::cell::RefCell;
 use std::thread;
@@ -9,9 +9,9 @@ use pyo3::prelude::*;
 
 use crate::error::PalpateError;
 
-/// Something that is used by one thread at a time; the others wait, and Ctrl-C ends their waiting.
+/// An object that one thread at a time can use; the others wait, and Ctrl-C ends their waiting.
 ///
-/// A panic leaves it as it was before the step.
+/// After a panic it can still be used.
 pub(crate) struct Shared<T>(ReentrantMutex<RefCell<T>>);
 
 impl<T> Shared<T> {
@@ -19,11 +19,11 @@ impl<T> Shared<T> {
         Self(ReentrantMutex::new(RefCell::new(inner)))
     }
 
-    /// Waits until nobody else uses it.
+    /// Locks the object; waits while another thread uses it.
     ///
     /// # Errors
     ///
-    /// On Ctrl-C, or if this very thread uses it already: from within its own progress.
+    /// On Ctrl-C, or if the same thread already uses it, in a progress callback.
     pub(crate) fn take(&self, py: Python<'_>) -> PyResult<ReentrantMutexGuard<'_, RefCell<T>>> {
         if self.0.is_owned_by_current_thread() {
             return Err(PalpateError::new_err(

@@ -1,8 +1,8 @@
-//! Long work on a thread of its own, watched by the one that asked for it.
+//! Runs long work on a separate thread, while the calling thread watches it.
 //!
-//! The work knows no Python and holds no lock of it. Whoever asked looks in on it every
-//! [`LOOK`]: shows how far it is, and stops it at its next step on Ctrl-C. Its notes and warnings are
-//! given when it is over.
+//! The work does not use Python and does not hold the GIL. The calling thread checks every [`LOOK`]:
+//! it shows the progress, and on Ctrl-C stops the work at its next step. Notes and warnings of the
+//! work are reported at its end.
 
 use std::ffi::CString;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -17,10 +17,10 @@ use pyo3::types::PyBool;
 
 use crate::error::{PalpateWarning, Raised, Result};
 
-/// How often the work is looked in on.
+/// Interval at which the calling thread checks the work.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// A stretch of the work, and how far it is.
+/// A stage of the work, and its progress.
 struct Stretch {
     steps: Option<u64>,
     doing: String,
@@ -31,7 +31,7 @@ struct Stretch {
 #[derive(Default)]
 pub(crate) struct Watch {
     stop: AtomicBool,
-    /// What it is doing; another when a new stretch begins.
+    /// The present stage; replaced when a new one begins.
     stretch: Mutex<Option<Arc<Stretch>>>,
     messages: Mutex<Vec<Message>>,
 }
@@ -80,12 +80,12 @@ impl Watch {
         self.messages.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Adds a message, which is given when the work is over.
+    /// Adds a message, which is reported when the work has ended.
     pub(crate) fn push(&self, message: Message) {
         self.messages.lock().unwrap_or_else(PoisonError::into_inner).push(message);
     }
 
-    /// Gives the messages: notes to the logger `palpate`, oddities as warnings.
+    /// Reports the messages: notes to the logger `palpate`, warnings as Python warnings.
     pub(crate) fn say(&self, py: Python<'_>) -> PyResult<()> {
         let messages =
             std::mem::take(&mut *self.messages.lock().unwrap_or_else(PoisonError::into_inner));
@@ -107,10 +107,10 @@ impl Watch {
     }
 }
 
-/// What Python is shown of how far the work is.
+/// Shows the progress of the work in Python.
 struct Shown<'py> {
     progress: Bound<'py, PyAny>,
-    /// The stretch and the steps that were shown last.
+    /// The last stage and number of steps shown.
     last: Option<(Arc<Stretch>, u64)>,
 }
 
@@ -128,14 +128,15 @@ impl Shown<'_> {
     }
 }
 
-/// Does long work with the GIL released; Ctrl-C stops it, `progress` is shown how far it is.
+/// Runs long work with the GIL released; Ctrl-C stops it, and `progress` is shown.
 ///
-/// `progress` is `None` for where it makes sense, a truth value, or something to call with steps
-/// done and steps in all.
+/// `progress` is `None` for a bar if a terminal or notebook shows it, a bool, or a callable that gets
+/// the numbers of steps done and in total.
 ///
 /// # Errors
 ///
-/// What the work says, `KeyboardInterrupt`, or what `progress` raised: the work was stopped then.
+/// The error of the work; or `KeyboardInterrupt`, or the exception of `progress`, after which the work
+/// is stopped.
 pub(crate) fn long<T: Send, E: Into<Raised> + Send>(
     py: Python<'_>,
     progress: Option<&Bound<'_, PyAny>>,
@@ -152,7 +153,7 @@ pub(crate) fn long<T: Send, E: Into<Raised> + Send>(
     done.map_err(Into::into)
 }
 
-/// Does long work that has no steps to show.
+/// Runs long work without showing progress.
 pub(crate) fn unshown<T: Send, E: Into<Raised> + Send>(
     py: Python<'_>,
     work: impl FnOnce(&Watch) -> Result<T, E> + Send,
@@ -175,11 +176,11 @@ fn watched<T: Send>(
             done
         });
         let mut failed = None;
-        // A worker that panics does not say that it is over.
+        // A worker that panics does not set `is_over`.
         while !is_over.load(Ordering::Acquire) && !worker.is_finished() {
             py.detach(|| thread::park_timeout(LOOK));
             if failed.is_some() {
-                continue; // it stops at its next step
+                continue; // the work stops at its next step
             }
             if let Err(error) = py.check_signals().and_then(|()| shown.show(watch)) {
                 watch.stop.store(true, Ordering::Relaxed);

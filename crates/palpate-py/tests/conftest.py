@@ -1,4 +1,4 @@
-"""What the tests share: the bundled touches, the command, a map that is made once, and a Ray cluster."""
+"""Fixtures of the tests: the bundled touches, the command, a map that is made once, and a Ray cluster."""
 
 import os
 import sys
@@ -69,11 +69,11 @@ def logs(plant: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Pat
 def cluster() -> Iterator[Any]:
     """A Ray cluster of two nodes, one with a CPU and one with two."""
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-    os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # as there, all of it stays on loopback
+    os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # keeps the cluster on the loopback interface
     ray: Any = import_module("ray")
     nodes: Any = import_module("ray.cluster_utils").Cluster()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Ray's own, of its next version
+        warnings.simplefilter("ignore")  # Ray warns of changes in its next version
         for cpus in (2, 1):
             nodes.add_node(num_cpus=cpus, object_store_memory=80 << 20, include_dashboard=False)
         ray.init(address=nodes.address, log_to_driver=False)

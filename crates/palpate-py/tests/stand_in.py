@@ -1,4 +1,4 @@
-"""What stands in for OpenVSF and torch; scripts/openvsf_round_trip.py asks the real ones."""
+"""Substitutes for OpenVSF and torch; scripts/openvsf_round_trip.py tests with the real ones."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 class Tensor:
-    """As much of torch's as is asked of one."""
+    """The part of a torch tensor that is used."""
 
     def __init__(self, array: NDArray[Any]) -> None:
         self._array = array
@@ -22,7 +22,7 @@ class Tensor:
 
 
 class PointVSF:
-    """As much of OpenVSF's as is asked of one."""
+    """The part of OpenVSF's PointVSF that is used."""
 
     axis_mode = "isotropic"
 

@@ -1,4 +1,4 @@
-"""Arrays out share memory; arrays in work as they are, or the error says what was wanted."""
+"""Returned arrays share memory; array arguments of many kinds are accepted, or the error says what is wanted."""
 
 import pickle
 from pathlib import Path
@@ -36,7 +36,7 @@ def test_arrays_outlive_their_field(robot: palpate.Robot, plant: Path) -> None:
 
 
 def variants(array: Any) -> dict[str, Any]:
-    """The same numbers in other clothes."""
+    """The same numbers in other types and memory layouts."""
     wide = np.zeros((array.shape[0], 2 * array.shape[1]))
     wide[:, ::2] = array
     frozen = array.copy()
@@ -227,7 +227,7 @@ def test_poses_and_gravity_are_those_of_the_arm(robot: palpate.Robot) -> None:
     pose = robot.forward(np.zeros(7), robot.link_names[-1])
     assert pose.shape == (4, 4) and (pose[3] == [0, 0, 0, 1]).all()
     assert np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3))
-    # Upright, gravity turns no joint about a vertical axis.
+    # Gravity exerts no torque on joints with a vertical axis.
     assert robot.gravity(np.zeros(7))[0] == pytest.approx(0, abs=1e-6)
     with pytest.raises(ValueError, match="no link `nose`"):
         robot.forward(np.zeros(7), "nose")

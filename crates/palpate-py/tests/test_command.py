@@ -1,4 +1,4 @@
-"""The package installs the command `palpate`, which behaves as the program that is built without Python."""
+"""The package installs the command `palpate`, which behaves like the program built without Python."""
 
 import os
 import random
@@ -33,7 +33,7 @@ def test_ctrl_c_stops_the_command_and_writes_nothing(command: Path, plant: Path,
     call = list(map(str, (command, "evaluate", plant, "-o", tmp_path / "out")))
     with subprocess.Popen(call, stderr=subprocess.PIPE, text=True) as running:
         assert running.stderr is not None
-        line = running.stderr.readline()  # it has begun to work
+        line = running.stderr.readline()  # waits until it has begun to work
         running.send_signal(signal.SIGINT)
         stderr = line + running.stderr.read()
     assert running.returncode == 130, stderr

@@ -1,4 +1,4 @@
-"""An arm that was identified from touches in free motion, and its external torques."""
+"""Identification of an arm from free motion, and its external torques."""
 
 import json
 import subprocess
@@ -22,12 +22,12 @@ def free_motion(seed: int) -> palpate.Touch:
     waves = rng.uniform(-0.4, 0.4, (7, 3))
     omega = 2 * np.pi * 0.1 * np.arange(1, 4)
     q = np.einsum("jk,tk->tj", waves, np.sin(np.outer(time, omega)))
-    # Friction goes from one direction to the other over 0.02 rad.
+    # Friction changes its direction over 0.02 rad.
     friction = np.zeros(q.shape)
     for k in range(1, len(q)):
         friction[k] = np.clip(friction[k - 1] + (q[k] - q[k - 1]) / 0.01, -1, 1)
     tau = -0.5 * friction + 0.2 + rng.normal(0, 0.02, q.shape)
-    # Without any measured torque, the external torque is minus what the motion of the arm takes.
+    # With a measured torque of 0, the external torque is minus the torque of the arm's motion.
     nothing = palpate.Touch(q, np.zeros(q.shape), time=time)
     tau -= palpate.external_torques(nothing, progress=False, touch=TORQUES)[0]["torque"]
     return palpate.Touch(q, tau, time=time, name=f"free {seed}")
@@ -53,7 +53,7 @@ def test_friction_and_bias_are_found_and_taken_off(touches: list[palpate.Touch],
         assert np.sqrt((touch["torque"] ** 2).mean()) < 0.15
         assert (np.abs(touch["torque"]) < 3 * touch["std"]).mean() > 0.95
 
-    # How measured torques count does not show sample by sample.
+    # Sign and gravity of measured torques cannot be determined from single samples.
     unspecified = palpate.Mapper(arm)
     unspecified.begin_touch()
     with pytest.raises(palpate.PalpateError, match="torque_sign"):

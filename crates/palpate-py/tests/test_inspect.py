@@ -1,4 +1,4 @@
-"""`palpate.inspect` says what `palpate inspect --json` says, of touches in memory as well."""
+"""`palpate.inspect` returns what `palpate inspect --json` prints, also for touches in memory."""
 
 import json
 import subprocess

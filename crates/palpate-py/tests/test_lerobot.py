@@ -1,5 +1,5 @@
-"""Data sets of LeRobot, both ways: written as its versions lay them out, read by palpate, annotated, and read again by
-`datasets`, with which LeRobot reads its own."""
+"""Data sets of LeRobot: written in the formats of its versions, read by palpate, annotated, and read again by
+`datasets`, as LeRobot does."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ N = 7
 
 
 def described(table: Any, kind: str) -> Any:
-    """A table with what `datasets` of some version writes beside it: lists are `Sequence` before version 4."""
+    """A table with the metadata that a version of `datasets` writes: lists are `Sequence` before version 4."""
 
     def feature(field: Any) -> dict[str, Any]:
         if not pa.types.is_fixed_size_list(field.type):
@@ -63,7 +63,7 @@ def data_set(plant: Path, folder: Path, version: str) -> list[tuple[Any, Any]]:
     meta.mkdir()
     (folder / "videos").mkdir()
     (folder / "film").write_bytes(b"film")
-    (folder / "videos/front.mp4").symlink_to("../film")  # as in the cache of a hub
+    (folder / "videos/front.mp4").symlink_to("../film")  # as in the cache of Hugging Face
     info = {"codebase_version": version, "fps": 20, "features": features}
     (meta / "info.json").write_text(json.dumps(info))
     if version == "v3.0":
@@ -78,7 +78,7 @@ def data_set(plant: Path, folder: Path, version: str) -> list[tuple[Any, Any]]:
 
 
 def loaded(folder: Path) -> Any:
-    """The frames, as LeRobot loads them: by the features that the data set names."""
+    """The frames as LeRobot loads them: with the features in the data set's metadata."""
     info = json.loads((folder / "meta/info.json").read_text())
     features = {
         name: datasets.Value(own["dtype"])
@@ -91,7 +91,7 @@ def loaded(folder: Path) -> Any:
 
 
 def stored(path: str) -> Any:
-    """What is written beside the columns of a file."""
+    """The metadata of a file."""
     return json.loads(pq.read_schema(path).metadata[b"huggingface"])["info"]["features"]
 
 
@@ -101,7 +101,7 @@ def test_needs_datasets_a_data_set_is_read_by_its_names_and_annotated_for_its_ow
 ) -> None:
     source, target = tmp_path / "source", tmp_path / "target"
     touches = data_set(plant, source, version)
-    # Positions and torques are joined by name: the same field as of the arrays.
+    # Positions and torques are matched by joint name: the field equals that of the arrays.
     fields = []
     for log in (source, [palpate.Touch(q, tau, time=np.arange(len(q)) / 20) for q, tau in touches]):
         mapper = palpate.Mapper(robot)
@@ -124,7 +124,7 @@ def test_needs_datasets_a_data_set_is_read_by_its_names_and_annotated_for_its_ow
     assert np.array_equal(plain["observation.external_torque"][:], wanted)
     kinds = {own["_type"] for own in stored(files[0]).values() if "feature" in own}
     assert kinds == {"List" if version == "v3.0" else "Sequence"}
-    # What was there is there still, and the source as it was.
+    # Other files are copied, and the source is unchanged.
     before = loaded(source)
     for name in before.column_names:
         assert np.array_equal(before[name][:], frames[name][:]), name

@@ -1,4 +1,4 @@
-"""Long calls let other threads run, show how far they are, and heed Ctrl-C."""
+"""Long calls let other threads run, show their progress, and stop on Ctrl-C."""
 
 import signal
 import subprocess
@@ -45,7 +45,7 @@ def test_other_threads_run_meanwhile(robot: palpate.Robot, plant: Path) -> None:
     ended = time.perf_counter()
     over.set()
     thread.join()
-    # A thread that is kept out has no turn from the beginning of the call to its end.
+    # If the GIL were held, the other thread could not run during the call.
     middle = [turn for turn in turns if started < turn < ended]
     pauses = [after - before for before, after in pairwise([started, *middle, ended])]
     assert max(pauses) < 0.9 * (ended - started), f"{len(middle)} turns, {max(pauses):.2f} s without one"
@@ -101,7 +101,7 @@ def test_a_stretch_of_work_has_one_bar(
     assert len(bars) == 1 and bars[0][0].startswith("learning") and bars[0][1] == report["frames"]
     bars.clear()
     mapper.map(plant / "seq_001", progress=False)
-    mapper.map(plant / "seq_002")  # nobody sees a bar here
+    mapper.map(plant / "seq_002")  # without a terminal, no bar is shown
     assert bars == []
 
 

@@ -1,4 +1,4 @@
-"""Fields of OpenVSF come in and go out with the same springs; what is none is refused, never run."""
+"""Fields of OpenVSF are read and written with the same springs; invalid files are refused, and never executed."""
 
 import io
 import pickle
@@ -17,11 +17,11 @@ from palpate import openvsf
 from palpate.settings import ContactSettings
 
 DATA = Path(__file__).parent / "data" / "openvsf"
-"""Written by OpenVSF itself: scripts/openvsf_round_trip.py."""
+"""Files written by OpenVSF itself, by scripts/openvsf_round_trip.py."""
 
 
 def written(path: Path) -> dict[str, NDArray[Any]]:
-    """What OpenVSF wrote, read the plain way: these files are ours."""
+    """Arrays of a file of OpenVSF, read without checks: these files are trusted."""
     if path.is_dir():
         return {file.stem: np.load(file) for file in path.glob("*.npy")}
     with np.load(path, allow_pickle=True) as held:
@@ -44,7 +44,7 @@ def same(one: palpate.Field, other: palpate.Field) -> bool:
 
 @pytest.fixture(scope="module")
 def learnt(robot: palpate.Robot, plant: Path) -> palpate.Field:
-    """A field with settings of its own."""
+    """A field with settings other than the defaults."""
     mapper = palpate.Mapper(robot, contact={"friction": 0.45, "contact_distance_m": 0.02})
     mapper.map(plant / "seq_000")
     return mapper.field()
@@ -73,7 +73,7 @@ def test_an_estimated_k_std_is_a_variance_unless_said_otherwise() -> None:
     assert (field.std == np.sqrt(wanted["K_std"].astype(float))).all()
     assert (as_std.std == wanted["K_std"]).all()
     assert (field.counts == wanted["N_obs"]).all() and field.counts.max() > 100
-    assert field.std.max() == 10.0  # the prior's variance was 100
+    assert field.std.max() == 10.0  # the variance of the prior is 100
     prior = openvsf.load(DATA / "prior.npz", k_std="variance")
     assert (prior.std == np.sqrt(written(DATA / "prior.npz")["K_std"])).all()
 
@@ -287,13 +287,13 @@ def member(array: Any) -> bytes:
 
 
 def pickled(thing: Any, protocol: int = 4) -> bytes:
-    """A member that says it is an object, and then holds any pickle."""
+    """A member whose header declares an object array, with any pickle."""
     header = member(np.array(None))
     return header[: 10 + int.from_bytes(header[8:10], "little")] + pickle.dumps(thing, protocol)
 
 
 class Malice:
-    """Leaves a file behind when it is unpickled."""
+    """Creates a file when it is unpickled."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -307,7 +307,7 @@ N = len(GRID["K"])
 
 
 def archive(path: Path, **members: bytes | None) -> Path:
-    """An npz file of `prior`, with other members in place of its own or without them."""
+    """A copy of the npz file of `prior`, with members replaced or removed."""
     whole = {"points": member(GRID["points"]), "K": member(GRID["K"])}
     features = {"K_std": GRID["K_std"], "N_obs": GRID["N_obs"]}
     whole["features"] = member(np.array(features, dtype=object))
@@ -347,7 +347,7 @@ def test_a_pickle_that_runs_something_is_refused_and_not_run(tmp_path: Path) -> 
 
 
 def lengthened(array: NDArray[Any], n: int) -> bytes:
-    """An array that says it has n rows."""
+    """An array whose header declares n rows."""
     data = member(array)
     return data.replace(f"({len(array)},)".encode(), f"({n},)".encode().ljust(5), 1)
 

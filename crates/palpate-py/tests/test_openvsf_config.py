@@ -1,4 +1,4 @@
-"""Data sets and configurations of OpenVSF mean here what they mean there, or say what does not."""
+"""Data sets and configurations of OpenVSF have the same meaning in palpate, or a note says what differs."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ LINKS = ["Shoulder_Link", "HalfArm1_Link", "HalfArm2_Link", "ForeArm_Link", *WRI
 
 @pytest.fixture
 def dataset(tmp_path: Path, plant: Path) -> Path:
-    """Twelve short touches whose names do not sort as their numbers do."""
+    """Twelve short touches whose alphabetical order differs from that of their numbers."""
     root = tmp_path / "touches"
     touch = next(iter(palpate.open_log(plant / "seq_000")))
     for n in range(12):
@@ -94,7 +94,7 @@ def test_what_is_no_dataset_is_refused(dataset: Path, tmp_path: Path) -> None:
 
 @pytest.fixture
 def config(tmp_path: Path, dataset: Path) -> Path:
-    """A configuration in several files, as those for an arm with a Punyo sensor are."""
+    """A configuration in several files, like those for an arm with a Punyo sensor."""
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "arm.yaml").write_text(f"""
         gen3: {{type: robot, file_name: {URDF}}}
@@ -165,7 +165,7 @@ def test_a_configuration_says_the_same_to_palpate(config: Path) -> None:
 
 
 def test_a_prior_is_that_of_the_cells_as_they_are(config: Path) -> None:
-    """An untouched cell expects what the file says of a point."""
+    """The prior of an untouched cell is that of a point in the file."""
     study = openvsf.read_config(config)
     field = palpate.Mapper(study.robot, settings=study.settings).field()
     stiffness, std, _ = field.query([[0.2, 0.0, 0.5]])

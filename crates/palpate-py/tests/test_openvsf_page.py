@@ -1,4 +1,4 @@
-"""The page for those who come from OpenVSF says what works: every line of palpate's is run."""
+"""All lines with palpate on the page for users of OpenVSF run."""
 
 import re
 import sys
@@ -24,7 +24,7 @@ test_sequences: [10]
 
 @pytest.fixture
 def library(monkeypatch: pytest.MonkeyPatch) -> None:
-    """OpenVSF and torch, as far as they are asked."""
+    """Substitutes for OpenVSF and torch."""
     for name, offer, thing in [("vsf", "PointVSF", PointVSF), ("torch", "from_numpy", Tensor)]:
         module = ModuleType(name)
         setattr(module, offer, thing)

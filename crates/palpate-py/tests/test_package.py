@@ -1,4 +1,4 @@
-"""What the installed package says of itself."""
+"""Metadata of the installed package."""
 
 from importlib.metadata import distribution
 from importlib.resources import files

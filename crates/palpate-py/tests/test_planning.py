@@ -1,4 +1,4 @@
-"""A field's cost and limit of motions agree with its torques; a plan costs no more than the straight path."""
+"""Cost and limit of motions agree with the predicted torques; a plan costs no more than the straight path."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,7 +23,7 @@ def predictor(field: palpate.Field, robot: palpate.Robot) -> palpate.PathPredict
 
 @pytest.fixture(scope="module")
 def pushes(plant: Path) -> list[Array]:
-    """From free of contact to the deepest posture of four touches, in as many lengths."""
+    """Paths of four touches, from free of contact to the deepest posture, of different lengths."""
     return [np.load(plant / f"seq_{k:03}" / "angles.npy")[40 : 200 + k : 20] for k in range(4)]
 
 
@@ -100,7 +100,7 @@ def test_a_band_of_half_a_newton_metre_lowers_the_limit_by_it(
     for limit in (0.6, 1.0, 1.5):
         lower = FieldCost(predictor).limit(pushes, limit - 0.5).tolist()
         assert banded.limit(pushes, limit, with_band=True).tolist() == lower
-    # A field of numbers alone has none.
+    # A field from arrays has no bands.
     alone = palpate.Field.from_arrays(field.points, field.stiffness, lattice=field.lattice)
     with pytest.raises(ValueError, match="no bands"):
         FieldCost(alone.path_predictor(robot)).limit(pushes, 1.0, with_band=True)

@@ -1,4 +1,4 @@
-"""Many logs and settings at once: the numbers are those of one call, whoever did the work."""
+"""Many logs and settings at once: results equal those of single calls, wherever they are computed."""
 
 import multiprocessing
 import os
@@ -27,7 +27,7 @@ Here = dict[tuple[str, str], Evaluation]
 
 @pytest.fixture(scope="module")
 def here(logs: dict[str, Path], robot: palpate.Robot) -> Here:
-    """What the function finds one by one."""
+    """Results of single calls of the function."""
     return {
         (log, choice): palpate.evaluate(path, robot, methods=METHODS, settings=settings)
         for log, path in logs.items()
@@ -36,7 +36,7 @@ def here(logs: dict[str, Path], robot: palpate.Robot) -> Here:
 
 
 def same(ours: Any, theirs: Any) -> bool:
-    """Whether two results are alike to the last bit."""
+    """Whether two results are identical."""
     if isinstance(ours, np.ndarray):
         return ours.dtype == theirs.dtype and bool(ours.tobytes() == theirs.tobytes())
     if isinstance(ours, dict):
@@ -75,7 +75,7 @@ def test_what_is_kept_is_not_done_again(
     first = next(broken_off)
     assert isinstance(first, palpate.ray.Run)
     broken_off.close()  # type: ignore[attr-defined]
-    deadline = time.monotonic() + 180.0  # the pool's own thread sees to the last of them
+    deadline = time.monotonic() + 180.0  # the pool's own thread ends the last processes
     while multiprocessing.active_children():
         assert time.monotonic() < deadline, "processes outlive the one who asked"
         time.sleep(0.05)
@@ -91,7 +91,7 @@ def test_what_is_kept_is_not_done_again(
     third = list(evaluate())
     assert sorted(run.seconds for run in third) == sorted(run.seconds for run in again)
 
-    # Cut short, or of files that were changed since: done again.
+    # Truncated results, or results of files that were changed since, are computed again.
     kept[0].write_bytes(kept[0].read_bytes()[:-30])
     assert all_same(list(evaluate()), here)
     os.utime(logs["two"] / "seq_003" / "torques.npy")
@@ -178,13 +178,13 @@ def test_a_script_without_a_guard_ends_with_an_error(logs: dict[str, Path], tmp_
 
 
 def ray_workers() -> Iterator[int]:
-    """Processes that do a task of ours for Ray."""
+    """Ray's processes that do a task of palpate."""
     for entry in Path("/proc").iterdir():
         try:
             if entry.name.isdigit() and (entry / "cmdline").read_bytes().startswith(b"ray::do"):
                 yield int(entry.name)
         except OSError:
-            pass  # it ended meanwhile
+            pass  # the process has ended meanwhile
 
 
 def test_needs_ray_a_cluster_that_loses_a_worker_and_a_node_finds_the_same(

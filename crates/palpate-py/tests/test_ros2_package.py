@@ -1,6 +1,6 @@
 """The ROS 2 package: its launch files start the command, its settings are read, and RViz shows topics that exist.
 
-`launch` itself is in no registry of Python packages: the files are expanded here as it would, and their commands run.
+`launch` itself is not on PyPI: the files are expanded here as `launch` would, and their commands run.
 """
 
 import ast
@@ -22,13 +22,13 @@ ARMS = ["franka", "gen3", "iiwa", "ur"]
 
 
 def expanded(text: str, values: dict[str, str]) -> str:
-    """A text with its substitutions carried out, of which every variable must be declared."""
+    """A text with its substitutions replaced; every variable in them must be declared."""
     text = text.replace("$(find-pkg-share palpate_ros)", str(PACKAGE))
     return re.sub(r"\$\(var (\w+)\)", lambda found: values[found[1]], text)
 
 
 def command_line(text: str, values: dict[str, str]) -> str:
-    """What a shell gets of a `cmd`: `launch` takes escapes away, then parts the text between substitutions into words."""
+    """The words of a `cmd`: `launch` removes escapes, then splits the text between substitutions into words."""
     line = ""
     for part in re.split(r"(\$\([^)]*\))", text):
         if part.startswith("$("):
@@ -41,7 +41,7 @@ def command_line(text: str, values: dict[str, str]) -> str:
 
 
 def command(launch: Path, given: dict[str, str]) -> list[str]:
-    """What a launch file executes, with arguments as `ros2 launch` takes them."""
+    """The commands that a launch file executes, with arguments as for `ros2 launch`."""
     values: dict[str, str] = {}
     commands: list[str] = []
     for node in ElementTree.parse(launch).getroot():
@@ -110,7 +110,7 @@ def test_settings_of_the_arms_say_sign_and_gravity() -> None:
     assert sorted(path.stem for path in (PACKAGE / "config").iterdir()) == ARMS
     for arm in ARMS:
         touch = palpate.default_settings(PACKAGE / "config" / f"{arm}.toml")["touch"]
-        # Beside a robot nobody looks ahead.
+        # A live session cannot determine them from the log in advance, so both must be given.
         assert touch["torque_sign"] in ("plus", "minus") and touch["gravity"] in ("included", "removed")
 
 
@@ -133,7 +133,7 @@ def test_time_of_a_simulation_is_taken_where_it_is_asked_for() -> None:
 
 
 def test_the_service_is_laid_out_as_on_the_wire() -> None:
-    """As the peer on CycloneDDS has it, which palpate understands."""
+    """The fields of the service are those of the test's peer on CycloneDDS, which palpate understands."""
     peer = ast.parse((PACKAGE.parents[1] / "scripts/dds_messages.py").read_text())
     classes = {node.name: node for node in peer.body if isinstance(node, ast.ClassDef)}
     text = (PACKAGE / "srv" / "AskTrajectory.srv").read_text()

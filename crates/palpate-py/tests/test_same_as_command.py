@@ -1,4 +1,4 @@
-"""What Python finds is what the command finds, to the bit, and in the same words."""
+"""Results in Python are identical to those of the command, and so are the messages."""
 
 import json
 import shutil
@@ -118,7 +118,7 @@ def test_needs_command_changes_the_next_touch_and_forgetting_are_the_same(
     numbers = [5, 6, 7]
     paths = [np.load(plant / f"seq_00{k}" / "angles.npy") for k in numbers]
     task = [np.load(log / "angles.npy")]
-    # As arrays of a path, the command's motions have no times.
+    # Without times, like paths given as arrays.
     planned = {k: tmp_path / f"planned/{k}" for k in [*numbers, 4]}
     for number, folder in planned.items():
         folder.mkdir(parents=True)
@@ -225,7 +225,7 @@ def test_needs_command_quick_tuning_chooses_the_same_in_map_and_evaluate(
 ) -> None:
     logs = [plant / f"seq_00{number}" for number in range(4)]
     out = tmp_path / "field.npz"
-    # The default prior, but given, so that there is a sixth of the settings to choose from.
+    # The default prior, but given explicitly, so that only a sixth of the candidates remain.
     given, flags = EstimatorSettings(prior_mean=0.0, prior_std=0.76), ("--prior-mean", 0, "--prior-std", 0.76)
     run(command, "map", *logs, "-o", out, "--json", *flags)
     chosen = palpate.tune(logs, robot, quick=True, estimator=given)["settings"]
@@ -236,12 +236,12 @@ def test_needs_command_quick_tuning_chooses_the_same_in_map_and_evaluate(
         assert set(own) == set(theirs)
         assert all(own[name].tobytes() == theirs[name].tobytes() for name in own if name != "palpate")
         own_meta, their_meta = (json.loads(bytes(file["palpate"])) for file in (own, theirs))
-    # The command also holds touches out where it chooses settings, which says how well touches fit.
+    # When it chooses settings, the command also holds out touches, which shows how well they are predicted.
     calibration = their_meta.pop("calibration")
     assert (calibration["touches"], len(calibration["misfits"])) == (4, 4)
     assert own_meta.pop("calibration") == calibration | {"misfits": []}
     assert own_meta == their_meta
-    # A field that is read, scored and written keeps its bands.
+    # A field that is loaded, scored and saved keeps its bands.
     field, log = palpate.Field.load(out), plant / "seq_004"
     scored = field.score(log)
     assert scored["bands"] == run(command, "predict", out, log, "--json")["bands"] is not None

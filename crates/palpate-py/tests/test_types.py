@@ -1,4 +1,4 @@
-"""Stubs say what the module does; the tutorial and the package are strictly typed."""
+"""The stub agrees with the module; the tutorial and the package are strictly typed."""
 
 import ast
 import inspect

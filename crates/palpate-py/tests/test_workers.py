@@ -1,4 +1,4 @@
-"""What may go wrong in a long sweep, and ends no more than it must."""
+"""Faults during a long sweep end no more runs than necessary."""
 
 import multiprocessing
 import shutil
@@ -27,7 +27,7 @@ SOFT = {"estimator": {"prior_std": 60.0}}
 
 
 class Here:
-    """An executor that does what it is asked to at once, in this process."""
+    """An executor that makes each call immediately, in this process."""
 
     def submit(self, call: Callable[..., Any], /, *arguments: Any) -> Future[Any]:
         future: Future[Any] = Future()
@@ -82,7 +82,7 @@ def test_waiting_for_what_never_ends_is_an_error(
     monkeypatch.setattr(_workers, "LOOK_S", 0.1)
     with pytest.raises(TimeoutError, match="none of the 2 tasks under way has ended within 0.3 s"):
         list(evaluate(logs, Never(), timeout=0.3))
-    # Time begins anew with every task that ends, and a sweep may take longer than that.
+    # The time-out restarts with every task that ends; a sweep may take longer.
     assert len(list(evaluate(logs, timeout=60.0))) == 2
 
 
@@ -124,7 +124,7 @@ def test_a_kept_file_is_damaged_and_done_again_wherever_it_is_damaged(tmp_path: 
             again = kept.get("key")
             if again is None:
                 lost += 1
-            else:  # some bytes, such as those of dates, say nothing
+            else:  # some bytes, such as those of dates, have no effect
                 assert again.result is not None and again.result["b"] == result["b"]
                 assert np.array_equal(np.asarray(again.result["a"]), result["a"])
     assert lost > len(whole)
@@ -182,7 +182,7 @@ def test_a_log_is_read_and_followed_once_for_many_settings(logs: dict[str, Path]
     alone = [palpate.evaluate(log, settings=some, **keywords)["methods"] for some in ({}, SOFT)]
     assert alone[0] != alone[1]
     assert palpate.evaluate(log, reuse="a", **keywords)["methods"] == alone[0]
-    shutil.rmtree(log)  # what is read again is not there
+    shutil.rmtree(log)  # reading it again would fail
     assert palpate.evaluate(log, reuse="a", settings=SOFT, **keywords)["methods"] == alone[1]
     for other in ({"contact": {"friction": 0.5}}, {"lattice": {"spacing_m": 0.02}}, {"touch": {"torque_sign": "plus"}}):
         with pytest.raises(palpate.LogError):
@@ -227,7 +227,7 @@ def test_what_is_reused_is_of_the_same_log_the_same_options_and_the_same_robot(
     runs = rows(evaluate(opened, Here(), robot=robot, **several))
     assert [runs["rad", "0"], runs["deg", "0"]] == alone[:2]
     assert rows(evaluate({"rad": opened["rad"]}, Here(), robot=coarse, **several)) == {("rad", "0"): alone[2]}
-    # Of logs that only workers see, the one who asks knows no more than the paths.
+    # Of logs that only workers see, the calling process knows only the paths.
     monkeypatch.setattr(_tasks, "Files", lambda paths: _files.Files([]))
     unseen = rows(evaluate(logs, Here()))
     assert unseen["one", "0"] != unseen["two", "0"]

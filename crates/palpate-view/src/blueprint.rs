@@ -1,4 +1,4 @@
-//! Where on the screen everything is, and the words beside it.
+//! Layout of the viewer: its views, legends and explanations.
 
 use re_sdk::blueprint::{
     Blueprint, BlueprintPanel, ContainerLike, Grid, Horizontal, SelectionPanel, Spatial3DView,
@@ -13,28 +13,29 @@ use crate::camera;
 use crate::recording::{APPLICATION, Scene, part};
 use crate::view_model::Scale;
 
-/// The timeline of the clock.
+/// Name of the timeline of the clock.
 pub(crate) const TIME: &str = "time";
-/// The timeline of the samples' numbers.
+/// Name of the timeline of sample numbers.
 pub(crate) const SAMPLE: &str = "sample";
 
-/// Where the norms of the torques are.
+/// Entity of the norms of the torques.
 const NORM: &str = "torque/norm";
 
-/// Joints that are drawn side by side before there are two columns of them, and three.
+/// With more joints than these, their plots have two columns, and three.
 const COLUMNS: [usize; 2] = [3, 12];
 
-/// Lays a recording out, turns its camera to the arm and moves legends out of the way.
+/// Sends the layout of a recording, with the camera directed at the arm and legends out of the way.
 ///
-/// The layout's builder has no words for cameras and legends, which are properties of views: its
-/// messages are taken, and some about those are put before the last, which makes the layout hold.
+/// Rerun's builder of layouts cannot set cameras and legends, which are properties of views. So the
+/// messages of the builder are captured, and messages with these properties are inserted before the
+/// last one, which activates the layout.
 pub(crate) fn send(scene: &Scene, stream: &RecordingStream) -> Result<(), RecordingStreamError> {
     let builder = RecordingStreamBuilder::new(APPLICATION).enabled(true);
     let (_built, messages) = builder.with_blueprint(layout(scene)).memory()?;
     let mut layout: Vec<LogMsg> = messages.take();
     layout.retain(|message| message.store_id().kind() == StoreKind::Blueprint);
     let Some(LogMsg::BlueprintActivationCommand(activation)) = layout.pop() else {
-        return Ok(()); // A layout that is never made to hold: the viewer makes one of its own.
+        return Ok(()); // No activation: the viewer chooses its own layout.
     };
     let more = RecordingStreamBuilder::from_store_id(&activation.blueprint_id);
     let (more, messages) = more.enabled(true).send_properties(false).memory()?;
@@ -50,7 +51,7 @@ pub(crate) fn send(scene: &Scene, stream: &RecordingStream) -> Result<(), Record
     Ok(())
 }
 
-/// A view as the builder made it.
+/// A view created by the builder.
 struct View {
     path: String,
     class: String,
@@ -58,7 +59,7 @@ struct View {
 }
 
 impl View {
-    /// The view that a message makes, if it makes one.
+    /// The view that a message creates, if it creates one.
     fn made_by(message: &LogMsg) -> Option<Self> {
         let LogMsg::ArrowMsg(_, message) = message else { return None };
         let chunk = Chunk::from_arrow_msg(message).ok()?;
@@ -80,7 +81,8 @@ impl View {
                 Some(eye) => stream.log(format!("{path}/EyeControls3D"), &eye),
                 None => Ok(()),
             },
-            // One legend serves all, and at the end of a touch there is room for it.
+            // One legend is enough. Top right is free, since torques are small at the end of a
+            // touch.
             "TimeSeries" => {
                 let shown = origin.ends_with(NORM);
                 let legend = PlotLegend::new().with_visible(shown);
@@ -92,7 +94,7 @@ impl View {
     }
 }
 
-/// The arm and the field on the left with the words below, the torques on the right.
+/// The arm and the field on the left with explanations below; the torques on the right.
 fn layout(scene: &Scene) -> Blueprint {
     let space = Spatial3DView::new("Arm, contacts, field [m]").with_origin("world");
     let mut words: Vec<ContainerLike> = vec![
@@ -118,7 +120,7 @@ fn layout(scene: &Scene) -> Blueprint {
         .with_time_panel(TimePanel::new().with_timeline(timeline).with_state(PanelState::Collapsed))
 }
 
-/// The norm above, each joint below.
+/// The plot of the norm above, one plot for each joint below.
 fn torques(scene: &Scene) -> Vertical {
     let norm = TimeSeriesView::new("Torque over all joints [N·m]").with_origin(NORM);
     let joint = |joint: &String| {
@@ -130,7 +132,7 @@ fn torques(scene: &Scene) -> Vertical {
     Vertical::new([norm.into(), joints.into()]).with_row_shares([1.0, 2.0])
 }
 
-/// What the colours of the field mean.
+/// The explanation of the colours of the field, in Markdown.
 pub(crate) fn colours(scale: &Scale) -> String {
     let [low, high] = scale.ends_n_per_m();
     let middle = (low * high).sqrt();

@@ -1,4 +1,4 @@
-//! Where the camera stands: beside the arm, so that it is seen from the side, all of it.
+//! Position of the camera: beside the arm, so that all of it is seen from the side.
 
 use nalgebra::{Point3, Vector3};
 use re_sdk_types::blueprint::archetypes::EyeControls3D;
@@ -7,13 +7,13 @@ use re_sdk_types::blueprint::components::Eye3DKind;
 use crate::recording::Scene;
 use crate::view_model::single;
 
-/// Distance from the middle of the arm, in diagonals of the box around it.
+/// Distance of the camera from the middle of the arm, in diagonals of its bounding box.
 const DISTANCE: f64 = 1.0;
-/// How far the camera stands before the arm and above it, for each metre beside it.
+/// Offset of the camera forward along the reach of the arm, and upward, per unit sideways.
 const BEFORE: f64 = 0.35;
 const ABOVE: f64 = 0.3;
 
-/// The camera for an arm as it stands at first; `None` if it has no shape.
+/// The camera for the first pose of the arm; `None` if no link has a shape.
 pub(crate) fn eye(scene: &Scene) -> Option<EyeControls3D> {
     let links = scene.links.iter().zip(&scene.world_from_link);
     let corners = links.flat_map(|(link, pose)| link.vertices_m.iter().map(move |v| pose * v));
@@ -23,7 +23,7 @@ pub(crate) fn eye(scene: &Scene) -> Option<EyeControls3D> {
     Some(eye.with_eye_up([0.0, 0.0, 1.0]))
 }
 
-/// Where to stand and where to look, to see points that reach out from the origin from the side.
+/// Position and target of a camera that sees from the side an arm that reaches out from the origin.
 fn beside(points: impl Iterator<Item = Point3<f64>>) -> Option<(Point3<f64>, Point3<f64>)> {
     let ends = points.map(|point| (point, point));
     let (low, high) = ends.reduce(|(low, high), (point, _)| (low.inf(&point), high.sup(&point)))?;

@@ -1,4 +1,4 @@
-//! What an `.rrd` file holds: the way back, by Rerun's own decoder, for tests of what was written.
+//! Reads `.rrd` files back with Rerun's decoder, for tests.
 
 use std::collections::BTreeMap;
 
@@ -10,16 +10,16 @@ use re_sdk_types::components::Scalar;
 
 use crate::recording::ViewError;
 
-/// The pieces of a recording in their order, without its layout.
+/// The chunks of a recording in their order, without its layout.
 ///
 /// # Errors
 ///
-/// If the bytes are not those of a recording, whole.
+/// If the bytes are not a complete recording.
 pub fn chunks(bytes: &[u8]) -> Result<Vec<Chunk>, ViewError> {
     read(bytes, StoreKind::Recording)
 }
 
-/// How often something was said of each entity.
+/// Number of rows of each entity.
 ///
 /// # Errors
 ///
@@ -33,7 +33,7 @@ pub fn rows(bytes: &[u8]) -> Result<BTreeMap<String, usize>, ViewError> {
     Ok(rows)
 }
 
-/// The numbers that were said of an entity.
+/// The scalars that were logged for an entity.
 ///
 /// # Errors
 ///

@@ -1,12 +1,12 @@
-//! The arm, what it touches and the field that it learns, for the [Rerun](https://rerun.io) viewer.
+//! Shows the arm, its contacts and the learnt field in the [Rerun](https://rerun.io) viewer.
 //!
-//! [`view_model`] decides which cells and contacts are drawn, how large and in which colours; it needs
-//! no Rerun. With the feature `rerun`, `Recording` sends it to a viewer or writes it to an `.rrd`
-//! file, and `viewer` starts one with its usage statistics off. This is the only crate that knows
-//! Rerun, and nobody has to build that who does not ask for it.
+//! [`view_model`] decides which cells and contacts are drawn, in which size and colour, without
+//! Rerun. With the feature `rerun`, `Recording` sends them to a viewer or writes them to an `.rrd`
+//! file, and `viewer` starts a viewer with its usage statistics off. This is the only crate that
+//! depends on Rerun, and only with that feature.
 //!
-//! It opens no log, no field and no robot: what it draws is handed in, sample by sample, by a
-//! command that plays a log or listens to a robot. It learns and predicts nothing.
+//! It opens no log, field or robot: a command that plays a log or maps a robot hands in the data,
+//! sample by sample. It learns and predicts nothing.
 
 #![forbid(unsafe_code)]
 

@@ -1,24 +1,24 @@
-//! What is recorded for a viewer, sample by sample.
+//! Records arm, contacts, field and torques for a viewer, sample by sample.
 //!
-//! | entity                      | holds                                                      |
+//! | entity                      | content                                                    |
 //! |-----------------------------|------------------------------------------------------------|
 //! | `world/arm/<link>`          | the link's shape once, its pose in every sample            |
-//! | `world/contacts/at`         | where the drawn contacts are now, m                        |
-//! | `world/contacts/displaced`  | arrows from each one's rest point to there, true to length |
-//! | `world/field`               | the drawn cells, K, its deviation and touches by cell      |
-//! | `world/body/…`              | `wood`, `leaves`, `blocks` of an elastic body, a line each |
+//! | `world/contacts/at`         | displaced positions of the drawn contacts, m               |
+//! | `world/contacts/displaced`  | arrows from rest points to displaced positions, to scale   |
+//! | `world/field`               | the drawn cells: K, its standard deviation, touching frames |
+//! | `world/body/…`              | `wood`, `leaves`, `blocks` of an elastic body, as lines    |
 //! | `torque/norm/…`             | norms of `measured`, `predicted` and `error`, N·m          |
 //! | `torque/<joint>/…`          | `measured` and `predicted`, N·m                            |
-//! | `contacts`                  | points touched, drawn or not                               |
-//! | `colours`                   | which colour a stiffness has, in words                     |
-//! | `about`, `touches`          | what this is; when which touch starts                      |
+//! | `contacts`                  | number of cells touched, drawn or not                      |
+//! | `colours`                   | text that explains the colours of stiffness                |
+//! | `about`, `touches`          | text about the recording; start and name of each touch     |
 //!
 //! Timelines are `sample`, the number of the sample, and `time`, s, where there is a clock.
 //! [`crate::view_model`] decides what is drawn, `blueprint.rs` how it is laid out.
 //!
-//! Rerun gathers and sends on threads of its own. A viewer that cannot keep up slows the caller
-//! down once 100 MB wait for it, so a caller that must not wait uses a thread of its own and drops
-//! what does not fit.
+//! Rerun collects and sends data on its own threads. A viewer that cannot keep up blocks the caller
+//! once 100 MB wait for it; so a caller that must not block records on a separate thread and drops
+//! frames.
 
 use std::io::Write;
 use std::time::{Duration, Instant};
@@ -40,12 +40,12 @@ use crate::blueprint;
 use crate::rrd::Rrd;
 use crate::view_model::{self, LinkShape, Scale, single};
 
-/// The name under which viewers keep what a user changed of the layout.
+/// Name under which viewers save changes of the layout by the user.
 pub(crate) const APPLICATION: &str = "palpate";
-/// How long a viewer may take to answer at first, and to take what is left at the end.
+/// Largest time for a viewer to answer at first, and to take the remaining data at the end.
 const PATIENCE: [Duration; 2] = [Duration::from_secs(10), Duration::from_secs(60)];
 
-// Distinct on a dark background and on a light one.
+// Colours that are distinct on dark and on light backgrounds.
 const MEASURED: [u8; 3] = [150, 150, 150];
 const PREDICTED: [u8; 3] = [40, 140, 245];
 const ERROR: [u8; 3] = [235, 80, 60];
@@ -54,39 +54,39 @@ const CONTACT: [u8; 3] = [255, 90, 60];
 const WOOD: [u8; 3] = [150, 105, 70];
 const LEAF: [u8; 3] = [70, 150, 70];
 
-/// What stays as it is throughout a recording.
+/// Data that is constant throughout a recording.
 #[derive(Debug, Clone)]
 pub struct Scene {
-    /// What the recording is called in a viewer.
+    /// Name of the recording in the viewer.
     pub name: String,
-    /// What the recording is, in Markdown.
+    /// Description of the recording, in Markdown.
     pub about: String,
     /// The links that have a shape.
     pub links: Vec<LinkShape>,
-    /// `world_from_link` of each at first: what the camera is turned to.
+    /// First `world_from_link` of each of these links, at which the camera is directed.
     pub world_from_link: Vec<Isometry3<f64>>,
-    /// Joints by name, base to tip.
+    /// Joint names, base to tip.
     pub joints: Vec<String>,
     /// The lattice of contacts and fields.
     pub lattice: Lattice,
     /// Whether frames have a time.
     pub clock: bool,
-    /// Whether there will be torques; without, the field has all the room.
+    /// Whether frames have torques; if not, the layout has no torque plots.
     pub torques: bool,
 }
 
 /// One sample.
 #[derive(Debug, Clone, Copy)]
 pub struct Frame<'a> {
-    /// Its number in the recording.
+    /// Number of the sample in the recording.
     pub sample: u64,
-    /// Its time in the recording, s.
+    /// Time in the recording, s.
     pub time_s: Option<f64>,
     /// `world_from_link` of each of [`Scene::links`].
     pub world_from_link: &'a [Isometry3<f64>],
-    /// What the arm displaces.
+    /// The cells that the arm displaces.
     pub contacts: &'a Contacts,
-    /// `None` while the tare is being taken.
+    /// Torque; `None` while the tare is being taken.
     pub torque: Option<Torque<'a>>,
 }
 
@@ -104,22 +104,22 @@ pub struct Torque<'a> {
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum ViewError {
-    /// No address that Rerun understands.
+    /// The address is not one of Rerun's.
     #[error(
         "`{url}` is no address of a Rerun viewer: {reason}; wanted one like \
          rerun+http://127.0.0.1:9876/proxy"
     )]
     Address { url: String, reason: String },
-    /// Nobody listens.
+    /// No viewer answers.
     #[error("no Rerun viewer answers at `{url}`: {reason}")]
     NoAnswer { url: String, reason: String },
-    /// The viewer went away.
+    /// The viewer closed before it had received everything.
     #[error("the Rerun viewer at `{url}` did not take everything: {reason}")]
     Lost { url: String, reason: String },
     /// The file cannot be written.
     #[error("the recording cannot be written: {0}")]
     Write(std::io::Error),
-    /// Rerun refuses what it was given.
+    /// Rerun refuses the data.
     #[error("Rerun cannot record this: {0}")]
     Record(Box<dyn std::error::Error + Send + Sync>),
 }
@@ -130,7 +130,7 @@ impl From<RecordingStreamError> for ViewError {
     }
 }
 
-/// Where the recording goes.
+/// Destination of the recording.
 enum Place<'out> {
     Viewer(String),
     File(Rrd<'out>),
@@ -148,18 +148,18 @@ pub struct Recording<'out> {
 }
 
 impl<'out> Recording<'out> {
-    /// A recording that a viewer shows while it grows.
+    /// Starts a recording that a viewer shows live.
     ///
     /// # Errors
     ///
-    /// If `url` is no address, or no viewer answers there within ten seconds.
+    /// If `url` is not a valid address, or no viewer answers there within ten seconds.
     pub fn to_viewer(url: &str, scene: &Scene) -> Result<Self, ViewError> {
         let connected = builder(scene).connect_grpc_opts(url);
         let url = url.to_owned();
         let stream = connected
             .map_err(|error| ViewError::Address { url: url.clone(), reason: error.to_string() })?;
         let recording = Self::begin(stream, Place::Viewer(url.clone()), scene)?;
-        // One that was just started does not listen yet, and Rerun asks on while it is flushed.
+        // A viewer that was just started does not listen yet; Rerun retries while flushing.
         let began = Instant::now();
         while let Err(error) = recording.stream.flush_with_timeout(PATIENCE[0]) {
             if began.elapsed() >= PATIENCE[0] {
@@ -169,11 +169,11 @@ impl<'out> Recording<'out> {
         Ok(recording)
     }
 
-    /// A recording as the bytes of an `.rrd` file; [`Recording::finish`] writes the last of them.
+    /// Starts a recording in the format of `.rrd` files; [`Recording::finish`] writes the last bytes.
     ///
     /// # Errors
     ///
-    /// If `out` refuses its first bytes.
+    /// If the first bytes cannot be written to `out`.
     pub fn to_file(out: &'out mut dyn Write, scene: &Scene) -> Result<Self, ViewError> {
         let (stream, messages) = builder(scene).memory()?;
         Self::begin(stream, Place::File(Rrd::begin(messages, out)?), scene)
@@ -201,7 +201,7 @@ impl<'out> Recording<'out> {
         Ok(recording)
     }
 
-    /// What is recorded once.
+    /// Records the constant data.
     fn log_scene(&self, scene: &Scene) -> Result<(), ViewError> {
         let log = |entity: &str, what: &dyn AsComponents| self.stream.log_static(entity, what);
         log("world", &ViewCoordinates::RIGHT_HAND_Z_UP())?;
@@ -238,15 +238,15 @@ impl<'out> Recording<'out> {
         Ok(self.stream.log("touches", &TextLog::new(format!("touch {name}")))?)
     }
 
-    /// Adds a sample. Cost: 1.7 ms of processor time with Rerun built without optimisation.
+    /// Records a sample. Cost: 1.7 ms of processor time with Rerun built without optimisation.
     ///
     /// # Errors
     ///
-    /// If Rerun refuses it, or a file its bytes.
+    /// If Rerun refuses it, or the file cannot be written.
     ///
     /// # Panics
     ///
-    /// If there is not one pose a link of the scene: a bug in the caller.
+    /// If there is not one pose for each link of the scene, which is a bug in the caller.
     pub fn frame(&mut self, frame: &Frame<'_>) -> Result<(), ViewError> {
         assert_eq!(frame.world_from_link.len(), self.links.len(), "one pose per link");
         self.set_time(frame.sample, frame.time_s);
@@ -266,7 +266,7 @@ impl<'out> Recording<'out> {
     fn log_contacts(&mut self, contacts: &Contacts) -> Result<(), ViewError> {
         self.scalar("contacts", contacts.len() as f64)?;
         if contacts.is_empty() && !self.touching {
-            return Ok(()); // Nothing is there already.
+            return Ok(()); // The viewer already shows no contacts.
         }
         self.touching = !contacts.is_empty();
         let drawn = view_model::thinned(contacts);
@@ -299,7 +299,7 @@ impl<'out> Recording<'out> {
         Ok(self.stream.log(entity, &Scalars::single(value))?)
     }
 
-    /// Shows the field as it is at a sample; until the next one, it stays so.
+    /// Records the field at a sample; the viewer shows it until the next one.
     ///
     /// # Errors
     ///
@@ -326,8 +326,8 @@ impl<'out> Recording<'out> {
         Ok(self.stream.log("world/field", &both)?)
     }
 
-    /// Shows an elastic body as it is bent at a sample; until the next one, it stays so. `segments_m` are the
-    /// start and end of each of its segments, m, world frame.
+    /// Records an elastic body as it is bent at a sample; the viewer shows it until the next one. `segments_m`: start
+    /// and end of each of its segments, m, world frame.
     ///
     /// # Errors
     ///
@@ -367,11 +367,11 @@ impl<'out> Recording<'out> {
         }
     }
 
-    /// Ends the recording: all of it is then with the viewer, or in the file.
+    /// Ends the recording, after all data has reached the viewer or the file.
     ///
     /// # Errors
     ///
-    /// If the viewer went away, or the file refuses its last bytes.
+    /// If the viewer has closed, or the file cannot be written.
     pub fn finish(self) -> Result<(), ViewError> {
         match self.place {
             Place::File(rrd) => rrd.finish(),
@@ -381,7 +381,7 @@ impl<'out> Recording<'out> {
     }
 }
 
-/// `RERUN=off` in the environment is for programs that log beside their work: here it is the work.
+/// Enabled even if the environment has `RERUN=off`: recording is the purpose of this program.
 fn builder(scene: &Scene) -> RecordingStreamBuilder {
     RecordingStreamBuilder::new(APPLICATION).enabled(true).recording_name(scene.name.as_str())
 }
@@ -393,7 +393,7 @@ fn transform(pose: &Isometry3<f64>) -> Transform3D {
     Transform3D::from_translation_rotation(at, Rotation3D::from(rotation))
 }
 
-/// A name as one part of an entity's path.
+/// Escapes a name as one part of an entity path.
 pub(crate) fn part(name: &str) -> String {
     re_sdk::EntityPathPart::new(name).escaped_string()
 }

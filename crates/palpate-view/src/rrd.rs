@@ -1,8 +1,8 @@
-//! The bytes of an `.rrd` file.
+//! Writes `.rrd` files.
 //!
-//! Rerun's own file sink writes on a thread of its own and only logs what goes wrong there. Here
-//! Rerun gathers messages in memory, and whoever records takes them out and encodes them: a full
-//! disk is an error of the call that met it.
+//! Rerun's own file sink writes on a separate thread and only logs errors. Here Rerun collects
+//! messages in memory, and the recording thread encodes and writes them: so the call that writes to
+//! a full disk returns the error.
 
 use std::io::Write;
 
@@ -11,7 +11,7 @@ use re_sdk::sink::MemorySinkStorage;
 
 use crate::recording::ViewError;
 
-/// Samples that are gathered before they are written: a few megabytes.
+/// Number of samples collected before they are written: a few megabytes.
 const ROWS: u32 = 128;
 
 /// A file under way.
@@ -22,7 +22,7 @@ pub(crate) struct Rrd<'out> {
 }
 
 impl<'out> Rrd<'out> {
-    /// Writes the file's head.
+    /// Writes the header of the file.
     pub(crate) fn begin(
         messages: MemorySinkStorage,
         out: &'out mut dyn Write,
@@ -32,7 +32,7 @@ impl<'out> Rrd<'out> {
         Ok(Self { messages, encoder, rows: 0 })
     }
 
-    /// Counts a sample; with enough of them, writes.
+    /// Counts a sample; every [`ROWS`] samples, writes.
     pub(crate) fn row(&mut self) -> Result<(), ViewError> {
         self.rows += 1;
         if self.rows >= ROWS { self.write() } else { Ok(()) }
@@ -46,7 +46,7 @@ impl<'out> Rrd<'out> {
         Ok(())
     }
 
-    /// Writes what is left, and the file's end.
+    /// Writes the remaining messages and the end of the file.
     pub(crate) fn finish(mut self) -> Result<(), ViewError> {
         self.write()?;
         self.encoder.finish()?;

@@ -1,24 +1,24 @@
-//! Which cells and contacts are drawn, how large and in which colours.
+//! Decides which cells and contacts are drawn, in which size and colour.
 //!
-//! A field of twenty thousand cells hides the arm, and most of them are next to nothing: drawn are
-//! the stiffest, and the stiffer a cell, the larger its ball. Of thousands of contacts a viewer
-//! draws a few hundred in every sample without effort, so lots are drawn once for all cells, and
-//! those with the lowest stay: the same cells from sample to sample, so that no arrow flickers, and
-//! evenly spread, since a lot does not know where its cell is.
+//! A field of twenty thousand cells would hide the arm, and most cells are very soft: only the
+//! stiffest are drawn, and the stiffer a cell, the larger its ball. Of thousands of contacts a
+//! viewer can draw a few hundred in every sample. They are chosen by a fixed pseudo-random number
+//! of each cell: those with the lowest numbers. So the same cells are drawn from sample to sample,
+//! no arrow flickers, and the drawn ones are evenly spread.
 
 use nalgebra::{Point3, Vector3};
 use palpate::{CellId, Contacts, Field};
 
-/// Cells that are drawn at most.
+/// Largest number of cells drawn.
 pub const CELLS: usize = 10_000;
-/// Contacts that are drawn at most.
+/// Largest number of contacts drawn.
 pub const CONTACTS: usize = 300;
-/// Powers of ten that the colours span.
+/// Range of the colour scale, in powers of ten of stiffness.
 pub const DECADES: f64 = 1.5;
 
-/// Part of the touched cells that is stiffer than the last colour.
+/// Share of the touched cells that are stiffer than the upper end of the colour scale.
 const ABOVE: f64 = 0.005;
-/// Radius of a ball in cells, at the first colour and at the last.
+/// Radius of a ball, as a multiple of the spacing, at the lower and upper end of the colour scale.
 const RADII: [f64; 2] = [0.1, 0.5];
 
 /// A link as a closed mesh.
@@ -26,18 +26,19 @@ const RADII: [f64; 2] = [0.1, 0.5];
 pub struct LinkShape {
     /// The link's name.
     pub name: String,
-    /// In the link's frame.
+    /// Vertices, m, in the frame of the link.
     pub vertices_m: Vec<Point3<f64>>,
-    /// Corners counted counter-clockwise from outside.
+    /// Indices of the corners, counter-clockwise as seen from outside.
     pub triangles: Vec<[u32; 3]>,
 }
 
 impl LinkShape {
-    /// Unit normals at the vertices, outward: the mean over the triangles, by area.
+    /// Outward unit normals at the vertices: the mean over the adjacent triangles, weighted by
+    /// area.
     ///
     /// # Panics
     ///
-    /// If a triangle has a corner that is no vertex.
+    /// If a corner is not the index of a vertex.
     pub fn normals(&self) -> Vec<Vector3<f64>> {
         let mut sums = vec![Vector3::zeros(); self.vertices_m.len()];
         for corners in &self.triangles {
@@ -49,25 +50,25 @@ impl LinkShape {
     }
 }
 
-/// The cells of a field that are drawn; all vectors have an entry for each.
+/// The drawn cells of a field; every vector has one entry for each cell.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Cells {
-    /// Where they are, m.
+    /// Rest points, m.
     pub points_m: Vec<[f32; 3]>,
-    /// Red, green, blue.
+    /// Colours: red, green, blue.
     pub colours: Vec<[u8; 3]>,
-    /// Of the ball that stands for the cell, m.
+    /// Radii of the balls, m.
     pub radii_m: Vec<f32>,
     /// K, N/m.
     pub stiffness_n_per_m: Vec<f32>,
-    /// Its standard deviation, N/m.
+    /// Standard deviation of K, N/m.
     pub std_n_per_m: Vec<f32>,
-    /// Frames that touched them.
+    /// Number of frames that touched the cell.
     pub counts: Vec<u32>,
 }
 
 impl Cells {
-    /// Those that are stiffer than this, N/m.
+    /// The cells that are stiffer than this, N/m.
     #[must_use]
     pub fn above(&self, stiffness_n_per_m: f32) -> Self {
         let mut kept = Self::default();
@@ -85,17 +86,17 @@ impl Cells {
     }
 }
 
-/// Which colour a stiffness has: viridis over powers of ten.
+/// The colour scale of stiffness: viridis over the logarithm.
 ///
-/// The scale follows a growing field upwards, never down: else a cell that stays as it is would
-/// seem to change.
+/// The upper end only rises as the field grows: if it also fell, cells whose stiffness is constant
+/// would change colour more often.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Scale {
     top_n_per_m: f64,
 }
 
 impl Scale {
-    /// Makes room for a field; says whether that changed the scale.
+    /// Raises the upper end to fit a field, if needed; returns whether the scale has changed.
     pub fn widen(&mut self, field: &Field) -> bool {
         let mut touched: Vec<f64> =
             field.touched_rows().map(|row| field.stiffness_n_per_m[row]).collect();
@@ -110,12 +111,13 @@ impl Scale {
         widened
     }
 
-    /// Stiffness of the first colour and the last, N/m; softer cells are not drawn.
+    /// Stiffness at the lower and upper end of the scale, N/m; softer cells are not drawn.
     pub fn ends_n_per_m(&self) -> [f64; 2] {
         [self.top_n_per_m / 10_f64.powf(DECADES), self.top_n_per_m]
     }
 
-    /// The touched cells within the scale; the stiffest [`CELLS`] if there are more.
+    /// The touched cells at or above the lower end of the scale; the stiffest [`CELLS`] if there
+    /// are more.
     pub fn cells(&self, field: &Field) -> Cells {
         let [low, high] = self.ends_n_per_m();
         let stiffness = |row: usize| field.stiffness_n_per_m[row];
@@ -145,13 +147,14 @@ impl Scale {
     }
 }
 
-/// Matplotlib's colour map of that name, 0 to 1: sRGB.
+/// Matplotlib's colour map viridis, for values 0 to 1; returns sRGB.
 pub fn viridis(part: f64) -> [u8; 3] {
     let colour = colorous::VIRIDIS.eval_continuous(part.clamp(0.0, 1.0));
     [colour.r, colour.g, colour.b]
 }
 
-/// Displaced cells and their displacements, m: all, or the [`CONTACTS`] of the lowest lots.
+/// Displaced cells and their displacements, m: all, or [`CONTACTS`] of them, chosen
+/// pseudo-randomly.
 pub fn thinned(contacts: &Contacts) -> Vec<(CellId, [f32; 3])> {
     let links = contacts.links.iter();
     let mut drawn: Vec<(CellId, [f32; 3])> = links
@@ -164,14 +167,14 @@ pub fn thinned(contacts: &Contacts) -> Vec<(CellId, [f32; 3])> {
     drawn
 }
 
-/// A number that seems random and is always the same for a cell; no two cells share one.
+/// A fixed pseudo-random number of a cell; no two cells have the same one.
 fn lot(cell: CellId) -> u32 {
-    // An odd factor and a shift by half the bits are each one-to-one.
+    // Multiplication by an odd number and this xor-shift are both one-to-one.
     let mixed = cell.0.wrapping_mul(0x9e37_79b1);
     (mixed ^ (mixed >> 16)).wrapping_mul(0x85eb_ca6b)
 }
 
-/// A point in the precision that is drawn.
+/// A point in single precision, for drawing.
 pub(crate) fn single(point: &Point3<f64>) -> [f32; 3] {
     [point.x as f32, point.y as f32, point.z as f32]
 }
@@ -183,7 +186,7 @@ mod tests {
     use palpate::{ContactConfig, ExternalTorqueConfig, Lattice};
     use std::collections::HashSet;
 
-    /// A field whose cell n has the n-th of these stiffnesses and was touched n + 1 times.
+    /// A field whose cell n has the n-th of these stiffnesses and was touched in n + 1 frames.
     fn field(stiffness_n_per_m: Vec<f64>) -> Field {
         let n = stiffness_n_per_m.len() as u32;
         let lattice = Lattice::new([0.0; 3], 0.01, [100; 3]).unwrap();
@@ -273,7 +276,7 @@ mod tests {
         let (all, fewer): (HashSet<CellId>, HashSet<CellId>) = (cells(0..4000), cells(500..4000));
         assert_eq!((all.len(), fewer.len()), (CONTACTS, CONTACTS));
         assert!(all.iter().filter(|cell| cell.0 >= 500).all(|cell| fewer.contains(cell)));
-        // Spread over all: each quarter has its share.
+        // Evenly spread: each quarter of the cells has its share.
         for quarter in 0..4 {
             let share = all.iter().filter(|cell| cell.0 / 1000 == quarter).count();
             assert!((45..105).contains(&share), "{share} of {CONTACTS} in quarter {quarter}");

@@ -1,9 +1,8 @@
 //! Starts a viewer with its usage statistics off.
 //!
-//! `rerun` has no flag for that, only a setting that `rerun analytics disable` writes into the
-//! user's folder of settings. Where `XDG_CONFIG_HOME` says which folder that is, on Linux, the
-//! viewer gets one of its own, and what the user has set for other work stays as it is. Elsewhere
-//! the setting is the user's.
+//! `rerun` has no flag for this, only a setting that `rerun analytics disable` writes into the
+//! user's configuration folder. On Linux, `XDG_CONFIG_HOME` gives the viewer a separate folder, so
+//! the user's own settings are not changed. On other systems the user's own setting is changed.
 
 use std::ffi::OsStr;
 use std::io::ErrorKind;
@@ -12,11 +11,11 @@ use std::process::{Command, Stdio};
 
 use re_sdk::{SpawnError, SpawnOptions};
 
-/// The version of Rerun whose recordings these are.
+/// Version of Rerun that can show these recordings.
 pub const VERSION: &str = "0.36";
 /// The command that starts a viewer.
 const RERUN: &str = "rerun";
-/// The variable that says where settings are.
+/// Environment variable for the configuration folder.
 const SETTINGS: &str = "XDG_CONFIG_HOME";
 
 /// Why no viewer was started.
@@ -24,24 +23,24 @@ const SETTINGS: &str = "XDG_CONFIG_HOME";
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum StartError {
-    /// There is none.
+    /// The command `rerun` is not installed.
     #[error("there is no command `rerun` in PATH, which is the viewer")]
     Missing,
-    /// It would send statistics of its use.
+    /// Its usage statistics could not be switched off.
     #[error(
         "the usage statistics of the viewer could not be switched off, so it was not started: \
          `rerun analytics disable` {reason}"
     )]
     Statistics { reason: String },
-    /// The system refused.
+    /// It could not be started.
     #[error("the viewer could not be started: {reason}")]
     Failed { reason: String },
 }
 
-/// Starts a viewer and returns its address, where it will answer once it is up; it stays when this
-/// program ends.
+/// Starts a viewer and returns its address, where it answers once it has started; it keeps running
+/// after this program ends.
 ///
-/// `settings` is the folder where it keeps them; it is made if it is not there.
+/// `settings`: configuration folder of the viewer; created if missing.
 ///
 /// # Errors
 ///
@@ -62,7 +61,7 @@ pub fn start(settings: &Path) -> Result<String, StartError> {
     }
 }
 
-/// Writes the setting, or finds that there is no viewer.
+/// Writes the setting; fails with [`StartError::Missing`] if there is no viewer.
 fn switch_statistics_off(rerun: &OsStr, settings: &Path) -> Result<(), StartError> {
     let refused = |reason: String| StartError::Statistics { reason };
     std::fs::create_dir_all(settings)

@@ -1,4 +1,4 @@
-//! What was said is in the file, read back by Rerun's own decoder.
+//! Recorded data is in the file, read back with Rerun's decoder.
 #![cfg(feature = "rerun")]
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
@@ -37,7 +37,7 @@ fn scene() -> Scene {
     }
 }
 
-/// So many points, displaced each by its number in millimetres along y.
+/// Contacts with `many` cells, each displaced along y by its number in millimetres.
 fn contacts(many: u32) -> Contacts {
     let cells = (0..many).map(CellId).collect();
     let displacements_m = (0..many).map(|n| [0.0, 0.001 * n as f32, 0.0]).collect();
@@ -50,13 +50,13 @@ fn tau(sample: u64) -> [DVector<f64>; 2] {
     [dvector![3.0 * part, 4.0 * part], dvector![3.0 * part, 4.0 * part + 0.5]]
 }
 
-/// Two links at places that follow from the sample's number.
+/// Poses of two links, which depend on the sample's number.
 fn poses(sample: u64) -> [Isometry3<f64>; 2] {
     let x = 0.01 * sample as f64;
     [Isometry3::identity(), Isometry3::new(Vector3::new(x, 0.2, 0.3), Vector3::z() * x)]
 }
 
-/// Says samples 0 to 299, of which the first ten have no torque and the middle hundred contacts.
+/// Records samples 0 to 299; the first ten have no torque, and samples 100 to 199 have contacts.
 fn say(recording: &mut Recording<'_>) -> Result<(), ViewError> {
     recording.touch("seq_0", 0, Some(0.0))?;
     for sample in 0..300 {
@@ -205,7 +205,7 @@ fn a_file_that_is_cut_off_is_no_recording() {
     assert!(chunks(b"no recording at all").is_err());
 }
 
-/// Takes so many bytes, then the disk is full.
+/// A writer that accepts this number of bytes; then the disk is full.
 struct Full(usize);
 
 impl Write for Full {
@@ -244,7 +244,7 @@ fn an_address_that_is_none_and_a_viewer_that_is_not_there_are_named() {
         let said = refused(url);
         assert!(said.contains("is no address") && said.contains("/proxy"), "{said}");
     }
-    // Nobody listens on a port that was free a moment ago.
+    // No process listens on a port that was free just before.
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let said = refused(&format!("rerun+http://127.0.0.1:{port}/proxy"));
     assert!(said.contains("no Rerun viewer answers") && said.contains(&port.to_string()), "{said}");

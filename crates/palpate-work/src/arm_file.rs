@@ -1,6 +1,6 @@
 //! The file of an identified arm, `arm.toml`: what `palpate identify` writes and other commands read with `--arm`.
 //!
-//! Its values are those of [`TorqueModel`], by the names of its fields; what else was found out is in remarks.
+//! Its keys are the fields of [`TorqueModel`]; other results of the identification are comments.
 
 use std::io::ErrorKind;
 use std::path::Path;
@@ -13,13 +13,13 @@ use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::sections::RobotSettings;
 
-/// Bytes of the largest file.
+/// Largest size of the file, bytes.
 const LARGEST: u64 = 1 << 20;
 
 /// Version of the format.
 const VERSION: i64 = 2;
 
-/// The text of the file, with remarks on top.
+/// The text of the file, with remarks as comments at the top.
 pub fn text(robot: &Robot, model: &TorqueModel, remarks: &str) -> String {
     let remarks = remarks.lines().map(|line| format!("# {line}").trim_end().to_owned() + "\n");
     let remarks: String = remarks.collect();
@@ -39,7 +39,7 @@ pub fn of(settings: &RobotSettings, robot: &Robot) -> Result<Option<TorqueModel>
     settings.arm.as_deref().map(|path| read(path, robot)).transpose()
 }
 
-/// The model of the identified arm that the settings name, or what the URDF says, which is noted.
+/// The model of the identified arm that the settings name; if they name none, the model of the URDF, with a note.
 ///
 /// # Errors
 ///
@@ -62,11 +62,11 @@ pub fn or_urdf(
     Ok(TorqueModel::of_urdf(robot))
 }
 
-/// Reads the file, and checks that it is one of this robot.
+/// Reads the file, and checks that it belongs to this robot.
 ///
 /// # Errors
 ///
-/// If it cannot be read, is not such a file, or is of another robot.
+/// If it cannot be read, is not such a file, or belongs to another robot.
 pub fn read(path: &Path, robot: &Robot) -> Result<TorqueModel, WorkError> {
     let wrong = |what: &str| WorkError::Usage(format!("`{}`: {what}", path.display()));
     let text = input::read_text(path, LARGEST).map_err(|error| match error.kind() {

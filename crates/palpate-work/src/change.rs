@@ -17,28 +17,28 @@ use crate::forget;
 use crate::progress::Progress;
 use crate::touches::Touches;
 
-/// What `palpate compare --json` prints.
+/// Result of [`compare`], printed by `palpate compare --json`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
-    /// One by one.
+    /// Result of each touch.
     pub touches: Vec<OfTouch>,
-    /// All of them.
+    /// Result of all touches together.
     pub together: Comparison,
 }
 
-/// A touch beside the field.
+/// A touch, compared with the field.
 #[derive(Debug, Clone, Serialize)]
 pub struct OfTouch {
-    /// Its name.
+    /// Name of the touch.
     pub name: String,
-    /// The log that it is in.
+    /// The log with the touch.
     pub log: PathBuf,
-    /// How it compares.
+    /// Result of the comparison.
     #[serde(flatten)]
     pub comparison: Comparison,
 }
 
-/// The touches of a field's memory, followed again.
+/// The touches in a field's memory, tracked again under `config`.
 fn learnt(
     arm: &Arc<Arm>,
     config: &MapperConfig,
@@ -56,8 +56,8 @@ fn learnt(
     Tracked::new(arm, &config, &whole.map(touch).collect::<Vec<_>>(), stop)
 }
 
-/// Compares the touches of logs with a field; `touch` says what their torques mean. Those that repeat a touch of the field's
-/// memory are compared with it.
+/// Compares the touches of logs with a field; `touch` is the convention of their torques. Touches that repeat a touch
+/// of the field's memory are compared with that touch, too.
 ///
 /// # Errors
 ///

@@ -1,11 +1,11 @@
-//! How logged torques count, found from the data: which way, and whether gravity is in them.
+//! The convention of logged torques, found from the data: their sign, and whether they contain gravity.
 //!
-//! Two things are known beforehand of any arm. Gravity: under the right convention `s·τ − a·τ_gravity(q)`, s = ±1,
-//! a = 0 or 1, has a small residual. And that nothing gives an arm work that the arm did not give before: from a free
-//! start on, `∫ τ_ext·dq` of friction and of contacts that yield is never positive. So torques without gravity that
-//! do work on the arm count as the motors' do.
+//! Two facts hold for any arm. First, `s·τ − a·τ_gravity(q)` with s = ±1 and a = 0 or 1 is small under the right
+//! convention. Second, friction and yielding contacts never give the arm more energy than they have taken: from a
+//! contact-free start on, `∫ τ_ext·dq` is never positive. So torques without gravity that do positive work on the arm
+//! have the sign of motor torques.
 //!
-//! All of the motion counts, not its start alone: an arm that begins upright feels no gravity there.
+//! The whole motion is used, not only its start: gravity exerts no torque on an upright arm.
 
 use std::fmt;
 
@@ -14,51 +14,52 @@ use palpate::{ExternalTorqueConfig, Gravity, MIN_TARE_FRAMES, Robot, Sample, Tor
 use crate::inspect::{mean, number, word};
 use crate::quantile::median;
 
-/// Frames whose gravity is looked at, about.
+/// Approximate number of frames for which gravity is computed.
 const FRAMES: usize = 2_000;
-/// With less gravity than this, N·m, nothing follows from it, and whether it is in the torques hardly matters.
+/// Least torque of gravity, N·m, for which conventions are compared; with less, gravity hardly matters.
 pub(crate) const LEAST_GRAVITY: f64 = 1.0;
 /// Torques below this, N·m, are noise of the sensors.
 const LEAST_TORQUE: f64 = 0.05;
-/// The best convention leaves less than this part of what any other leaves.
+/// The best convention is accepted if its residual is below this ratio to that of any other,
 pub(crate) const BETTER: f64 = 0.5;
-/// Or the slope of the torques on gravity is so near to what it says.
+/// or if the slope of the torques on gravity differs by less than this from the slope that it implies.
 pub(crate) const NEAR_SLOPE: f64 = 0.3;
-/// Torques of which gravity explains more are proportional to it, if the slope is not that of a small error of the
-/// robot's masses.
+/// Torques are proportional to gravity if it explains more than this share of their sum of squares, and the slope is
+/// larger than a small error of the robot's masses causes.
 const EXPLAINED: f64 = 0.7;
 const LEAST_SLOPE: f64 = 0.05;
-/// Torques that are so many times gravity's are of an arm that carries more than its file says; beyond, of another unit.
+/// Slopes on gravity of an arm that carries more than its file says; larger ones are due to another unit.
 const LADEN_SLOPES: std::ops::Range<f64> = 1.3..5.0;
-/// Slopes on gravity of torques in mN·m; twice as much if the arm carries its own weight.
+/// Slopes on gravity of torques in mN·m; the upper end is for an arm that carries its own weight.
 const IN_THOUSANDTHS: std::ops::Range<f64> = 800.0..2000.0;
-/// Nothing follows from less work than this, J.
+/// Least work from which the sign is concluded, J.
 const LEAST_WORK_J: f64 = 0.005;
-/// The work that goes the wrong way may be so large a part of the other.
+/// Largest ratio of the work in one direction to the larger work in the other from which the sign is concluded.
 const MOST_BACK: f64 = 0.3;
-/// Frames at the start that give a tare, if the arm stands still in them.
+/// Fewest frames at rest at the start that give a tare.
 const LEAST_TARE: usize = MIN_TARE_FRAMES as usize;
 
-/// What the torques of a log are like, under any convention.
+/// What is computed of the torques of a log to decide their convention.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Evidence {
-    /// Median over frames of the torque that is logged, and of gravity's, N·m over all joints.
+    /// Median over frames of the norm of the logged torque, and of that of gravity, N·m.
     torque: f64,
     gravity: f64,
     /// The largest torque of a joint, N·m.
     largest: f64,
-    /// Median residual of the torques, with sign plus and with sign minus, after gravity, N·m.
+    /// Median residual of the logged torque minus that of gravity, with sign plus and with sign minus, N·m.
     after_gravity: [f64; 2],
-    /// Slope of the torques on gravity, and how much of their square it explains.
+    /// Slope of the torques on gravity, and the share of their sum of squares that it explains.
     slope: f64,
     explained: f64,
-    /// The same where touches begin.
+    /// Slope and explained share for the first samples of the touches.
     slope_at_start: f64,
     explained_at_start: f64,
     work: Work,
 }
 
-/// Slope of torques on gravity, and how much of their square it explains; gravity comes first.
+/// Slope of torques on gravity, and the share of their sum of squares that it explains; `torques` are pairs of
+/// gravity's torques and logged ones, N·m.
 fn slope(torques: &[(Vec<f64>, Vec<f64>)]) -> (f64, f64) {
     let sum = |of: fn(&f64, &f64) -> f64| -> f64 {
         torques.iter().flat_map(|(g, tau)| g.iter().zip(tau)).map(|(g, tau)| of(g, tau)).sum()
@@ -75,24 +76,24 @@ fn slope(torques: &[(Vec<f64>, Vec<f64>)]) -> (f64, f64) {
 /// Work that torques do on an arm, summed from the start of each touch, J.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Work {
-    /// The most that they have done at any time.
+    /// Largest value of the work during a touch, summed over touches.
     done: f64,
-    /// The most that they have taken.
+    /// Minus the lowest value of the work during a touch, summed over touches.
     taken: f64,
 }
 
 /// Why no convention could be chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Undecided {
-    /// With and without gravity fit alike, or neither sign does.
+    /// Two conventions fit about equally well.
     Alike(Evidence),
-    /// There is no gravity in the torques, and they do as much work as they take.
+    /// The torques contain no gravity, and their work does not show the sign.
     Sign(Evidence),
     /// No convention fits: another unit, another robot, a payload, contacts throughout.
     Nothing(Evidence),
 }
 
-/// What is said of how the torques count; the rest is to be found.
+/// The given part of the convention; the rest is to be found.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Given {
     pub(crate) torque_sign: Option<TorqueSign>,
@@ -100,13 +101,13 @@ pub(crate) struct Given {
 }
 
 impl Given {
-    /// Nothing is to be found.
+    /// A convention that is given completely.
     pub(crate) fn of(set: &ExternalTorqueConfig) -> Self {
         Self { torque_sign: Some(set.torque_sign), gravity: Some(set.gravity) }
     }
 }
 
-/// What was decided, and why.
+/// A decided convention, and the evidence for it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Convention {
     pub(crate) torque_sign: TorqueSign,
@@ -115,14 +116,14 @@ pub(crate) struct Convention {
 }
 
 impl Convention {
-    /// Whether there is no torque at all.
+    /// Whether all torques are near zero.
     pub(crate) fn is_of_nothing(&self) -> bool {
         self.evidence.largest < LEAST_TORQUE
     }
 }
 
-/// The median of |sign·τ − part·τ_gravity| over samples, N·m over all joints; `torques` are those of gravity and the
-/// logged ones.
+/// The median of |sign·τ − part·τ_gravity| over samples, N·m over all joints; `torques` are pairs of gravity's torques
+/// and logged ones.
 pub(crate) fn residual(torques: &[(Vec<f64>, Vec<f64>)], sign: f64, part: f64) -> Option<f64> {
     let norm = |(gravity, tau): &(Vec<f64>, Vec<f64>)| {
         let joints = tau.iter().zip(gravity);
@@ -132,7 +133,7 @@ pub(crate) fn residual(torques: &[(Vec<f64>, Vec<f64>)], sign: f64, part: f64) -
 }
 
 impl Evidence {
-    /// Of the samples of some touches, joints in the robot's order; `None` without any.
+    /// The evidence of some touches, joints in the robot's order; `None` without samples.
     pub(crate) fn of(robot: &Robot, touches: &[&[Sample]], still_rad: f64) -> Option<Self> {
         let samples: usize = touches.iter().map(|touch| touch.len()).sum();
         let every = samples.div_ceil(FRAMES).max(1);
@@ -162,23 +163,24 @@ impl Evidence {
         })
     }
 
-    /// The sign of torques that hold no gravity, if their work shows it.
+    /// The sign of torques without gravity, if their work shows it.
     pub(crate) fn sign_by_work(&self) -> Option<TorqueSign> {
         self.work.sign().filter(|_| self.largest >= LEAST_TORQUE)
     }
 
-    /// Whether the torques begin as a part of gravity's: currents do, and contacts do not.
+    /// Whether the torques at the starts of touches are proportional to gravity, as motor currents are and contact
+    /// torques are not.
     fn is_proportional(&self) -> bool {
         self.explained_at_start > EXPLAINED && self.slope_at_start.abs() > LEAST_SLOPE
     }
 
-    /// Whether the torques follow gravity and are larger: those of an arm with a payload that was not given, or with
-    /// lighter masses in its file, hold gravity, and count as their slope says.
+    /// Whether the torques are proportional to gravity and larger, as with a payload that is not given or with too
+    /// small masses in the robot's file. They contain gravity then, and the slope shows their sign.
     fn is_laden(&self) -> bool {
         self.explained > EXPLAINED && LADEN_SLOPES.contains(&self.slope.abs())
     }
 
-    /// The convention, of which a part may be given.
+    /// Decides the convention, of which a part may be given.
     pub(crate) fn decide(self, given: Given) -> Result<Convention, Undecided> {
         let Given { torque_sign: sign, gravity } = given;
         let found = |torque_sign, gravity| Convention { torque_sign, gravity, evidence: self };
@@ -295,7 +297,7 @@ impl fmt::Display for Undecided {
 }
 
 impl Work {
-    /// Of the torques of some touches, less their tare where the arm begins still.
+    /// The work of the torques of some touches, minus the tare if the arm is at rest at the start.
     fn of(robot: &Robot, touches: &[&[Sample]], still_rad: f64) -> Self {
         let mut sum = Self::default();
         for touch in touches {
@@ -325,7 +327,7 @@ impl Work {
         sum
     }
 
-    /// The sign under which the arm never gets back what it did not give, nearly.
+    /// The sign under which the arm gets almost no energy from contacts; `None` if that is not clear.
     fn sign(self) -> Option<TorqueSign> {
         let Self { done, taken } = self;
         let (more, less) = (done.max(taken), done.min(taken));
@@ -338,7 +340,7 @@ impl Work {
 mod tests {
     use super::*;
 
-    /// A touch of the built-in arm: still, then the shoulder turns to and fro against a spring with friction.
+    /// A touch of a built-in arm: at rest, then the shoulder turns to and fro against a spring with friction.
     fn touch(sign: f64, gravity: f64, [spring, friction]: [f64; 2]) -> Vec<Sample> {
         let robot = Robot::built_in("kinova_gen3").unwrap();
         let at = |step: usize| {
@@ -375,8 +377,8 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_show_is_said_and_not_guessed() {
-        // A torque that stands still does no work.
+    fn an_undecided_convention_is_an_error_and_not_guessed() {
+        // A constant torque at a joint that does not move does no work.
         let mut silent = touch(1.0, 0.0, [0.0, 0.0]);
         silent.iter_mut().skip(25).for_each(|sample| sample.tau[0] = 2.0);
         let found = decide(&silent, Given::default());
@@ -386,7 +388,7 @@ mod tests {
         // A motor's current follows gravity, and is no torque.
         let found = decide(&touch(-1.0, 0.12, [0.0, 0.05]), Given::default());
         assert!(matches!(found, Err(Undecided::Nothing(_))), "{found:?}");
-        // An arm with a payload that its file does not know.
+        // An arm with a payload that is not in its file.
         let found = decide(&touch(-1.0, 1.6, [0.0, 0.05]), Given::default());
         assert_eq!(found, Ok((TorqueSign::Minus, Gravity::Included)));
         // Half of gravity could be either.

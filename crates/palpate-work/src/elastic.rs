@@ -17,20 +17,20 @@ use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::{Settings, SettingsError};
 
-/// An object that an arm touches is no wider, m, with all that a camera sees beside it.
+/// Largest width of a cloud, m; wider ones are refused, since their unit is probably not m.
 const WIDEST_M: f64 = 30.0;
-/// A root is no farther from what was seen of its plant, m.
+/// Largest distance of a root from the nearest point of the clouds, m.
 const FARTHEST_ROOT_M: f64 = 1.0;
 
-/// A cloud that one camera saw, and where that stood, m, world frame, if it is known.
+/// A cloud from one camera, and the position of the camera, m, world frame, if it is known.
 pub type SeenCloud = (Cloud, Option<Point3<f64>>);
 
-/// The elastic bodies that clouds of an object may be, the most likely first; a note says what was found. None
-/// if there is nothing that could bend. Notes call the clouds `name`.
+/// Possible elastic bodies for the clouds of an object, the most likely first; empty if nothing in them can bend. A
+/// note or a warning says what was found; `name` is the name of the clouds in it.
 ///
 /// # Errors
 ///
-/// If a cloud is so wide that its lengths are no metres, a root is far from all that was seen, or is given of a cushion.
+/// If a cloud is too wide for lengths in m, a root is far from all points, or a root is given for a cushion.
 ///
 /// # Panics
 ///
@@ -78,7 +78,7 @@ pub fn bodies(
     Ok(bodies.into_iter().map(Arc::new).collect())
 }
 
-/// Refuses clouds of which nine points in ten span more than any object that an arm can touch: they are in mm, say.
+/// Refuses clouds that are wider than [`WIDEST_M`] between the 5 % and 95 % quantiles of an axis: they may be in mm.
 fn check_size(clouds: &[SeenCloud], name: &str) -> Result<(), WorkError> {
     let spans = clouds.iter().flat_map(|(cloud, _)| {
         (0..3).map(|axis| {
@@ -98,7 +98,7 @@ fn check_size(clouds: &[SeenCloud], name: &str) -> Result<(), WorkError> {
     Ok(())
 }
 
-/// Refuses roots that are those of nothing seen.
+/// Refuses roots of a cushion, and roots that are far from all points.
 fn check_roots(clouds: &[SeenCloud], hints: &ObjectHints) -> Result<(), WorkError> {
     if hints.kind == Some(ObjectKind::Cushion) && !hints.roots_m.is_empty() {
         let message = "a root is where a plant is held, and the object is said to be a cushion; leave one of \
@@ -119,7 +119,7 @@ fn check_roots(clouds: &[SeenCloud], hints: &ObjectHints) -> Result<(), WorkErro
     Ok(())
 }
 
-/// What a body is made of.
+/// Describes the parts of a body in words.
 fn in_words(body: &ElasticBody) -> String {
     let of = |kind: SegmentKind| body.segments().iter().filter(move |segment| segment.kind == kind);
     let length: f64 = of(SegmentKind::Wood).map(|segment| segment.axis().norm()).sum();
@@ -163,7 +163,7 @@ pub fn without_body() -> SettingsError {
     )
 }
 
-/// Simulates bodies along all touches, to be learnt from these sets of `training` touches.
+/// Simulates bodies along all touches. `training` are the sets of touches, by number, from which a body will be learnt.
 ///
 /// # Errors
 ///
@@ -181,8 +181,7 @@ pub(crate) fn simulate_bodies(
     })
 }
 
-/// Shows how far so many bodies are simulated along so many touches; a note says how often they did not come
-/// to rest.
+/// Runs a simulation of bodies along touches with a progress bar, and notes how often the body did not come to rest.
 fn simulating<T>(
     (touches, bodies): (usize, usize),
     progress: &dyn Progress,
@@ -202,8 +201,8 @@ fn simulating<T>(
     Ok(simulated)
 }
 
-/// The field of a mapper, with an elastic body that is learnt from the same touches; the field alone if there
-/// are no bodies. `touches` are the samples of all touches that the mapper has learnt.
+/// The field of a mapper, with an elastic body learnt from the same touches; the field alone if there are no bodies.
+/// `touches` are the samples of all touches that the mapper has learnt.
 ///
 /// # Errors
 ///
@@ -237,7 +236,7 @@ pub fn learn_body(
         );
     }
     saved.field.elastic = Some(Arc::new(learnt));
-    saved.field.calibration = None; // bands are of springs alone
+    saved.field.calibration = None; // bands were calibrated for the springs alone
     saved.elastic_touches = touches;
     Ok(saved)
 }

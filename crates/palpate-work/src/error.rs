@@ -1,4 +1,4 @@
-//! What ends work early.
+//! Errors of this crate.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,42 +8,42 @@ use palpate_io::log::LogError;
 
 use crate::settings::SettingsError;
 
-/// Why something could not be done as it was asked for.
+/// Why work could not be done.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum WorkError {
-    /// Requests that cannot be followed.
+    /// A request that cannot be carried out.
     #[error("{0}")]
     Usage(String),
     #[error(transparent)]
     Settings(#[from] SettingsError),
     #[error(transparent)]
     Log(#[from] LogError),
-    /// A robot, a field or another file that is not what it should be; the message says which.
+    /// A robot, a field or another file that cannot be used; the message says which and why.
     #[error("{0}")]
     File(Box<dyn std::error::Error + Send + Sync>),
-    /// A log that looks wrong, where that was to be an error.
+    /// A log that looks wrong, if that is to be an error (`strict`).
     #[error("{0}")]
     LooksWrong(String),
     /// Touches that cannot be used.
     #[error("`{}`: {place}: {source}", log.display())]
     Touch { log: PathBuf, place: String, source: Box<MapperError> },
-    /// Results that cannot be handed over.
+    /// Results that cannot be written.
     #[error("{what} cannot be written: {source}")]
     Write { what: String, source: io::Error },
-    /// Ctrl-C.
+    /// The work was stopped, for example by Ctrl-C.
     #[error("interrupted{kept}")]
     Interrupted { kept: String },
 }
 
 impl WorkError {
-    /// A file that is not what it should be.
+    /// The error for a file that cannot be used.
     pub fn file(error: impl std::error::Error + Send + Sync + 'static) -> Self {
         Self::File(Box::new(error))
     }
 
-    /// A touch of a log that cannot be used.
+    /// The error for a touch of a log that cannot be used.
     pub fn touch(log: &Path, place: String, source: impl Into<MapperError>) -> Self {
         Self::Touch { log: log.to_owned(), place, source: Box::new(source.into()) }
     }

@@ -1,22 +1,22 @@
-//! A field from arrays that another program made, checked as a file's are.
+//! A field from arrays of another program, with the same checks as for a file.
 
 use std::collections::HashSet;
 
 use palpate::{Field, Lattice, MapperConfig};
 use palpate_io::field::Saved;
 
-/// Arrays of N points, each with its spring.
+/// Arrays of N points with their springs.
 #[derive(Debug, Clone)]
 pub struct FieldArrays {
     /// Rest points, m, world frame.
     pub points_m: Vec<[f64; 3]>,
-    /// K, N/m.
+    /// Stiffness of the points, N/m.
     pub stiffness_n_per_m: Vec<f64>,
-    /// Standard deviation of K, N/m.
+    /// Standard deviation of the stiffness, N/m.
     pub std_n_per_m: Vec<f64>,
-    /// Frames that touched the point; 0 if its stiffness is only expected.
+    /// Number of frames that touched the point; 0 if its stiffness is a prior mean.
     pub counts: Vec<u32>,
-    /// K of all other cells, N/m.
+    /// Stiffness of all other cells, N/m.
     pub untouched_n_per_m: f64,
 }
 
@@ -31,7 +31,7 @@ pub enum FieldArraysError {
     /// A number that makes no sense.
     #[error("`{name}` holds {found} in row {row} (from 0); wanted {wanted}")]
     Value { name: &'static str, row: usize, found: f64, wanted: &'static str },
-    /// A point that is no cell's.
+    /// A point that is not a point of the lattice.
     #[error(
         "point {row} (from 0), {point_m:?} m, is no point of the lattice: {what}; give the lattice \
          that the points are of, or bring them to its points first"
@@ -43,13 +43,13 @@ pub enum FieldArraysError {
 }
 
 const SPRING: &str = "a finite number, not below 0";
-/// How far a point may be from its cell's, as a share of the spacing: `f32` points of a few metres
-/// are off by less.
+/// Largest distance of a point from that of its cell, as a share of the spacing; rounding errors of
+/// `f32` are smaller at a few metres.
 const NEAR: f64 = 1e-3;
 
 impl FieldArrays {
-    /// The field of these arrays in the lattice of `config`, whose contact model and meaning of
-    /// torques it gets.
+    /// The field of these arrays, with the lattice, contact model and torque convention of
+    /// `config`.
     ///
     /// # Errors
     ///
@@ -103,7 +103,7 @@ impl FieldArrays {
     }
 }
 
-/// The cell of a point.
+/// The cell of a point; `row` is its number, for errors.
 fn nearest(
     lattice: &Lattice,
     row: usize,

@@ -1,4 +1,4 @@
-//! Touches that a field is to forget, and the field without them.
+//! Removes touches from a field: the others are learnt again.
 
 use std::sync::Arc;
 
@@ -11,18 +11,18 @@ use crate::progress::Progress;
 use crate::settings::SettingsError;
 use crate::touched::low_and_high;
 
-/// Which touches are forgotten: all that any of these means.
+/// Which touches are forgotten: each that meets at least one of the conditions.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Which {
-    /// Those of these names, or of these numbers, as `#3`, from 0.
+    /// Touches with one of these names, or one of these numbers from 0, such as `#3`.
     pub names: Vec<String>,
-    /// Those before the last so many that are remembered.
+    /// All but this many of the newest remembered touches.
     pub older_than: Option<usize>,
-    /// Those that displaced a point of this box, empty ones too: two opposite corners, m, world frame.
+    /// Touches that displaced a point in this box, even one without stiffness: two opposite corners, m, world frame.
     pub touched_box_m: Option<[[f64; 3]; 2]>,
 }
 
-/// Names, of many the first and the last few.
+/// Names in one line; of more than 20, the first ten, the last and their number.
 pub fn listed(names: &[String]) -> String {
     match names {
         [] => "none".to_owned(),
@@ -33,7 +33,7 @@ pub fn listed(names: &[String]) -> String {
     }
 }
 
-/// What a touch of a field is called: its number and its name.
+/// Number and name of a touch of a field, such as `#3 push`.
 pub fn name(touch: &LoggedTouch) -> String {
     format!("{} {}", number(touch), touch.name).trim_end().to_owned()
 }
@@ -42,7 +42,8 @@ fn number(touch: &LoggedTouch) -> String {
     format!("#{}", touch.touch)
 }
 
-/// The mapper as if it had never met some of its touches, and what these are called. Errors call the field by its name.
+/// A mapper that has learnt only the other touches of a field, and the names of the forgotten ones. `field_name` is the
+/// name of the field in errors.
 ///
 /// # Errors
 ///
@@ -113,7 +114,7 @@ pub fn forget(
     }
 }
 
-/// Whether a touch touched a point in a box.
+/// Whether a touch displaced a point in a box.
 fn touches(
     arm: &Arc<Arm>,
     field: &Field,

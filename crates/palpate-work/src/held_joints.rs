@@ -10,14 +10,14 @@ use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::Held;
 
-/// Whether a joint seems to be a gripper's.
+/// Whether a joint seems to belong to a gripper.
 fn is_finger(joint: &Joint) -> bool {
     let name = joint.name.to_lowercase();
     let parts = ["finger", "gripper", "knuckle", "jaw", "claw", "thumb"];
     joint.kind == JointKind::Prismatic || parts.iter().any(|part| name.contains(part))
 }
 
-/// A name of the log, and that of the robot that it is taken for, if they differ.
+/// Names of the first matched joint in the log and in the robot, if they differ.
 pub(crate) fn other_name(robot: &Robot, log: &[String]) -> Option<(String, String)> {
     let own: Vec<String> = robot.joint_names().map(str::to_owned).collect();
     let missing = unmatched(&own, log).0;
@@ -28,11 +28,12 @@ pub(crate) fn other_name(robot: &Robot, log: &[String]) -> Option<(String, Strin
     (log != own).then(|| (log.clone(), own.clone()))
 }
 
-/// Joints that are not in a log and can stand still in it, at the middles of their ranges; none if the log's joints
-/// do not serve the robot otherwise.
+/// Joints that are not in a log and are assumed to stand still in the middle of their ranges; empty if the log does not
+/// fit the robot even then.
 ///
-/// Joints at the tips can, of which the log holds no part: fingers; or any, if the log has no name that the robot
-/// does not know, which could be theirs. A log without names is taken to begin with the arm, and may lack fingers.
+/// A missing joint can stand still if it carries no link of a joint in the log and is a finger. It need not be a finger
+/// if the robot knows all names of the log. A log without names is assumed to begin with the joints of the arm, and may
+/// lack fingers.
 pub(crate) fn not_in_log(robot: &Robot, names: Option<&[String]>, count: usize) -> Vec<Held> {
     let joints = robot.joints();
     let own: Vec<String> = robot.joint_names().map(str::to_owned).collect();
@@ -57,7 +58,7 @@ pub(crate) fn not_in_log(robot: &Robot, names: Option<&[String]>, count: usize) 
     missing.iter().map(held).collect()
 }
 
-/// The arm that a field was learnt with, if it is this one with fingers that stand still; else this one.
+/// The arm with which a field was learnt, if that is `arm` with some fingers standing still; else `arm`.
 pub fn of_field(arm: Arc<Arm>, snapshot: Option<&Snapshot>, progress: &dyn Progress) -> Arc<Arm> {
     let Some(snapshot) = snapshot else { return arm };
     let held = not_in_log(&arm.robot, None, snapshot.n_joints);
@@ -70,7 +71,7 @@ pub fn of_field(arm: Arc<Arm>, snapshot: Option<&Snapshot>, progress: &dyn Progr
     }
 }
 
-/// The arm with joints that stand still.
+/// The arm with some joints standing still.
 pub(crate) fn holding(arm: &Arm, held: &[Held]) -> Result<Arm, WorkError> {
     let mut arm = arm.clone();
     for Held { joint, position } in held {
@@ -79,7 +80,7 @@ pub(crate) fn holding(arm: &Arm, held: &[Held]) -> Result<Arm, WorkError> {
     Ok(arm)
 }
 
-/// Notes which joints are taken to stand still, and where.
+/// Notes which joints are assumed to stand still, and at which positions.
 pub(crate) fn note_held(arm: &Arm, held: &[Held], of: &str, progress: &dyn Progress) {
     let flags: Vec<String> = held.iter().cloned().map(String::from).collect();
     progress.note(&format!(

@@ -11,15 +11,16 @@ use crate::touches::RecordedTouch;
 /// What to identify.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct IdentifySettings {
-    /// The link in whose frame the payload is given; else the one that the last joint carries.
+    /// The link in whose frame the payload is given; `None` for the link that the last joint
+    /// carries.
     pub tool_link: Option<String>,
-    /// The torques are the drives' currents.
+    /// Whether the logged torques are motor currents.
     pub currents: bool,
-    /// An arm that does not fit motion that was held out is an error.
+    /// Whether it is an error if the identified arm does not fit the held-out motion.
     pub strict: bool,
 }
 
-/// What was found, as JSON; without the model of the arm, which [`crate::arm_file`] writes.
+/// The result as JSON, without the model of the arm, which [`crate::arm_file`] writes.
 pub fn json(found: &Identified) -> serde_json::Value {
     serde_json::json!({
         "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
@@ -30,11 +31,11 @@ pub fn json(found: &Identified) -> serde_json::Value {
     })
 }
 
-/// Identifies an arm, and warns if it does not fit motion that was held out.
+/// Identifies an arm, and warns if it does not fit the held-out motion.
 ///
 /// # Errors
 ///
-/// A link that is not there, or logs that do not serve.
+/// If no joint moves the link of the payload, the logs cannot be used, or on being stopped.
 pub fn run(
     arm: &Arm,
     touches: &[RecordedTouch],

@@ -14,39 +14,39 @@ use crate::progress::Progress;
 use crate::touched::Touched;
 use crate::touches::{TouchEvent, Touches};
 
-/// What one touch gave.
+/// Counts of one touch.
 #[derive(Debug, Clone, Serialize)]
 pub struct TouchTally {
-    /// Its name.
+    /// Name of the touch.
     pub name: String,
-    /// The log that it is in.
+    /// The log with the touch.
     pub log: PathBuf,
     /// Frames in the log.
     pub frames: u64,
-    /// Frames that its tare was taken from.
+    /// Frames from which the tare was taken.
     pub tare_frames: u64,
     /// Frames in which the arm touched points of the lattice.
     pub frames_in_contact: u64,
 }
 
-/// What all touches gave.
+/// Counts and errors of all touches.
 #[derive(Debug, Default)]
 pub struct Tally {
     /// The touches in their order.
     pub touches: Vec<TouchTally>,
     touched: Touched,
     predicted: ErrorSum,
-    /// Where it was stopped.
+    /// Place in the logs where learning was stopped, if it was.
     pub interrupted: Option<String>,
 }
 
-/// Errors beside those of predicting zero.
+/// Errors of the field, with those of predicting zero for comparison.
 #[derive(Debug, Clone, Serialize)]
 pub struct Beside {
-    /// Those of the field.
+    /// Errors of the field.
     #[serde(flatten)]
     pub errors: Option<Errors>,
-    /// Those of predicting zero, on the same frames.
+    /// Errors of predicting zero on the same frames.
     pub zero: Option<Errors>,
 }
 
@@ -64,17 +64,17 @@ impl Tally {
         }
     }
 
-    /// A sum over touches.
+    /// Sum of a count over all touches.
     pub fn total(&self, of: impl Fn(&TouchTally) -> u64) -> u64 {
         self.touches.iter().map(of).sum()
     }
 
-    /// Median points touched, over the frames that touched any.
+    /// Median number of touched points, over the frames with contact.
     pub fn contacts_median(&self) -> usize {
         self.touched.contacts_median()
     }
 
-    /// All figures of what `mapper` has learnt, for programs.
+    /// All figures of a run as JSON; `mapper` is the mapper that has learnt.
     pub fn figures(&self, mapper: &Mapper) -> serde_json::Value {
         let (config, cells) = (mapper.config(), Cells::of(mapper));
         let (frames_remembered, bytes) = mapper.memory();
@@ -102,14 +102,14 @@ impl Tally {
     }
 }
 
-/// How many cells there are, by what is known of them.
+/// Numbers of cells, by touched and expected.
 #[derive(Debug, Clone, Copy)]
 pub struct Cells {
-    /// Touched ones.
+    /// Touched cells.
     pub touched: usize,
-    /// Those that a prior by cell expects something of, touched or not.
+    /// Cells with a prior mean of their own, touched or not.
     pub expected: usize,
-    /// The touched ones among these.
+    /// Cells with a prior mean of their own that were touched.
     pub expected_and_touched: usize,
 }
 
@@ -123,17 +123,17 @@ impl Cells {
     }
 }
 
-/// Called after every sample.
+/// Function that is called after every sample.
 pub type AfterStep<'a> = &'a mut dyn FnMut(&mut Mapper, &StepReport, Instant);
 
 /// Feeds all touches to the mapper, until the progress stops it.
 ///
-/// `after_step` gets the mapper after every sample, with what the step found and when it began. `record`
-/// gets the samples of every touch.
+/// `after_step` is called after every sample with the mapper, the report of the step and its start time. The samples of
+/// every touch are appended to `record`.
 ///
 /// # Errors
 ///
-/// If a log is broken, or a sample cannot be used: the mapper then knows all that came before it.
+/// If a log is broken, or a sample cannot be used. The mapper has then learnt everything before it.
 pub fn learn(
     mapper: &mut Mapper,
     touches: &mut Touches,
@@ -210,7 +210,7 @@ fn learn_from(
     Ok(tally)
 }
 
-/// Ends the touch that was begun last, if any was; warns if the field has learnt from the same samples before.
+/// Ends the present touch, if there is one, and warns if the field has learnt from the same samples before.
 fn finish_touch(
     mapper: &mut Mapper,
     tally: &Tally,

@@ -1,4 +1,4 @@
-//! Which of some motions would teach most about an object.
+//! Ranks candidate motions by how much they would teach about an object.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -16,25 +16,26 @@ use crate::progress::Progress;
 use crate::recorded::RecordedTouch;
 use crate::touched::low_and_high;
 
-/// What is asked for.
+/// How motions are to be ranked.
 #[derive(Debug, Clone, Default)]
 pub struct Request {
-    /// What the motions are judged by.
+    /// Criterion by which motions are ranked.
     pub criterion: Criterion,
-    /// How many are proposed at most.
+    /// Largest number of proposals.
     pub count: usize,
-    /// Motions whose predicted torque may pass this at a joint, band and all, are left out, N·m.
+    /// Largest torque of a joint, N·m: motions whose predicted torque with its band exceeds it are left out.
     pub limit_n_m: Option<f64>,
-    /// Two corners of the box whose stiffness is to be known, m, if it is not the torque of motions.
+    /// Two opposite corners of a box, m, world frame: motions are ranked by what they teach about the stiffness in it,
+    /// in place of the torques of motions.
     pub box_m: Option<[[f64; 3]; 2]>,
 }
 
-/// What `palpate next --json` prints.
+/// Result of [`next`], printed by `palpate next --json`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Proposals {
     /// The motions, the best first.
     pub proposals: Vec<Named>,
-    /// Motions that may pass the limit.
+    /// Motions that may exceed the torque limit.
     pub beyond_limit: Vec<BeyondLimit>,
     /// Motions in which a joint goes beyond its limits.
     pub beyond_joint_limits: Vec<BeyondJointLimits>,
@@ -42,10 +43,10 @@ pub struct Proposals {
     pub touch_nothing: Vec<String>,
 }
 
-/// A motion that may pass the limit.
+/// A motion that may exceed the torque limit.
 #[derive(Debug, Clone, Serialize)]
 pub struct BeyondLimit {
-    /// Its name.
+    /// Name of the motion.
     pub name: String,
     /// The largest torque of a joint with its band, N·m.
     pub with_band_n_m: f64,
@@ -54,13 +55,13 @@ pub struct BeyondLimit {
 /// A motion in which a joint goes beyond its limits.
 #[derive(Debug, Clone, Serialize)]
 pub struct BeyondJointLimits {
-    /// Its name.
+    /// Name of the motion.
     pub name: String,
-    /// The joint that goes furthest beyond.
+    /// The joint that goes farthest beyond its limits.
     pub joint: String,
-    /// Where it is furthest beyond, rad or m.
+    /// Position of the joint that is farthest beyond, rad or m.
     pub position: f64,
-    /// Its lowest and highest position by the URDF, rad or m.
+    /// Lowest and highest position of the joint in the URDF, rad or m.
     pub limits: [f64; 2],
 }
 
@@ -78,21 +79,21 @@ impl BeyondJointLimits {
     }
 }
 
-/// A motion with its name.
+/// A proposed motion with its name.
 #[derive(Debug, Clone, Serialize)]
 pub struct Named {
-    /// Its name.
+    /// Name of the motion.
     pub name: String,
-    /// The log that it is in.
+    /// The log with the motion.
     pub log: PathBuf,
-    /// Its place among the candidates, from 0.
+    /// Index of the motion among the candidates, from 0.
     pub candidate: usize,
-    /// What it would teach.
+    /// What the motion would teach, and the torque to expect.
     #[serde(flatten)]
     pub proposal: Proposal,
 }
 
-/// Checks that the field can be asked.
+/// Checks that the field belongs to the arm and that the request suits it.
 fn check(
     arm: &Arm,
     field: &Field,
@@ -118,10 +119,10 @@ fn check(
     Ok(())
 }
 
-/// Ranks candidates by what they would teach about the torques of some motions, of the candidates themselves if there
-/// are none.
+/// Ranks `candidates` by what they would teach about the torques of the motions in `task`, or of the candidates
+/// themselves if it is empty.
 ///
-/// Only joint positions count; torques of recorded motions are not looked at.
+/// Only joint positions are used, not the torques of recorded motions.
 ///
 /// # Errors
 ///
@@ -185,20 +186,22 @@ pub fn next(
     Ok(found)
 }
 
-/// The motion without its torques.
+/// A motion with zero torques.
 fn planned(touch: Touch) -> Touch {
     let still =
         |sample: Sample| Sample::new(sample.time_s, sample.q.clone(), vec![0.0; sample.q.len()]);
     Touch { samples: touch.samples.into_iter().map(still).collect(), ..touch }
 }
 
-/// Standard deviation of a measured torque, N·m: what the field was learnt with, the largest joint's.
+/// Standard deviation of a measured torque, N·m: the largest torque noise of a joint with which the field was learnt;
+/// 0.2 if unknown.
 fn torque_std_n_m(saved: &Saved) -> f64 {
     let own = saved.snapshot.as_ref().map(|snapshot| &snapshot.config.estimator.torque_std);
     own.map_or(0.2, |own| own.iter().copied().fold(f64::MIN_POSITIVE, f64::max))
 }
 
-/// Standard deviation of cells that the field does not know, N/m: without bands and memory, that of its least known one.
+/// Standard deviation of untouched cells, N/m: from the calibration, else from the prior, else the largest one in the
+/// field.
 fn untouched_std_n_per_m(saved: &Saved) -> f64 {
     let of_prior = saved.snapshot.as_ref().map(|snapshot| {
         let (config, spacing_m) = (&snapshot.config.estimator, snapshot.config.lattice.spacing_m());

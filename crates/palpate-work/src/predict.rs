@@ -16,18 +16,18 @@ use crate::progress::Progress;
 use crate::settings::SettingsError;
 use crate::touches::{TouchEvent, Touches};
 
-/// What predictions are held against.
+/// The torque with which predictions are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Against {
-    /// The measured external torque: gravity and tare taken off, noise in.
+    /// The measured external torque, with noise.
     Measured,
-    /// The true one, which simulated logs have.
+    /// The true external torque, which only simulated logs have.
     Truth,
 }
 
 impl Against {
-    /// What to call such a torque.
+    /// The word for it in messages.
     pub fn word(self) -> &'static str {
         match self {
             Self::Measured => "measured",
@@ -53,31 +53,31 @@ pub fn truth(log: &Path, touch: &str) -> Result<Vec<Vec<f64>>, WorkError> {
 
 /// One scored frame.
 pub struct FrameResult {
-    /// Its number in its touch, from 0.
+    /// Number of the frame in its touch, from 0.
     pub frame: u64,
-    /// Its time, s, if the log has it.
+    /// Time of the frame, s, if the log has times.
     pub time_s: Option<f64>,
-    /// Points touched.
+    /// Number of touched points.
     pub contacts: usize,
-    /// Those of them that the field knows.
+    /// Number of touched points that the field knows.
     pub known: usize,
     /// τ̂, n_joints, N·m.
     pub predicted: DVector<f64>,
-    /// s of `Calibration::half_width`, n_joints, N·m, if the field is calibrated.
+    /// Spread, s of `Calibration::half_width`, n_joints, N·m, if the field is calibrated.
     pub spread: Option<DVector<f64>>,
-    /// τ_ext, measured or true, n_joints, N·m.
+    /// τ_ext with which the prediction is compared, measured or true, n_joints, N·m.
     pub external: DVector<f64>,
 }
 
 /// One predicted touch.
 pub struct TouchResult {
-    /// Its name.
+    /// Name of the touch.
     pub name: String,
-    /// The log that it is in.
+    /// The log with the touch.
     pub log: PathBuf,
-    /// Frames in the log.
+    /// Number of frames in the log.
     pub frames_in_log: u64,
-    /// The scored ones: all from the tare on.
+    /// The scored frames: all after the tare.
     pub frames: Vec<FrameResult>,
     truth: Option<Vec<Vec<f64>>>,
 }
@@ -91,7 +91,7 @@ impl TouchResult {
         Ok(Self { name, log: log.to_owned(), frames_in_log: 0, frames: Vec::new(), truth })
     }
 
-    /// The true torque of a frame, `measured` if the truth is not asked for.
+    /// The torque with which a frame is compared: the true one, or `measured` if the truth is not asked for.
     fn reference(&self, frame: u64, measured: DVector<f64>) -> Result<DVector<f64>, WorkError> {
         let Some(truth) = &self.truth else { return Ok(measured) };
         let row = usize::try_from(frame).ok().and_then(|frame| truth.get(frame));
@@ -131,18 +131,17 @@ impl TouchResult {
         Band::of((calibration, calibration.default_level()), &frames)
     }
 
-    /// How many of the scored frames are so.
+    /// Number of scored frames that meet a condition.
     pub(crate) fn count(&self, are: impl Fn(&FrameResult) -> bool) -> u64 {
         self.frames.iter().filter(|frame| are(frame)).count() as u64
     }
 }
 
-/// Predicts all touches; `touch` says what this log's torques mean.
+/// Predicts all touches; `touch` is the convention of the logged torques.
 ///
 /// # Errors
 ///
-/// If a log is broken, a sample cannot be used, a truth is asked for that is not there, or the progress
-/// stops it.
+/// If a log is broken, a sample cannot be used, the truth is asked for and missing, or the progress stops it.
 pub fn score(
     arm: &Arc<Arm>,
     field: &Field,
@@ -214,9 +213,10 @@ fn score_all(
     Ok(results)
 }
 
-/// τ̂ of every point of a motion that is only planned, points × n_joints, N·m.
+/// Predicted torque τ̂ at every point of a planned motion, points × n_joints, N·m.
 ///
-/// It starts free of contact, as a touch does, and every point is a step: contacts have a history.
+/// The motion starts without contact, as a touch does. Every point is simulated, since contacts depend on the motion
+/// before.
 ///
 /// # Errors
 ///

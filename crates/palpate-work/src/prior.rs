@@ -1,9 +1,9 @@
-//! `--prior`: the stiffness that a field expects of its cells, for a mapper that starts anew.
+//! `--prior`: prior means of a new mapper from a field.
 //!
-//! The prior of a cell is `K_prior`, what was expected of it before any touch, and not what the field
-//! has learnt since: whoever wants to keep that goes on with `--from`. An extrapolated `K_prior` comes
-//! from the touches themselves, so that to learn them again from it uses them twice, for a little
-//! more error than without. A field without that array expects what it has learnt.
+//! The prior mean of a cell is `K_prior`, its expected stiffness before any touch, not the stiffness that the field has
+//! learnt since: to keep that, continue with `--from`. An extrapolated `K_prior` comes from the touches themselves, so
+//! learning the same touches with it uses them twice, and the error is a little larger than without. For a field
+//! without the array `K_prior`, it is the learnt stiffness.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::{SettingsError, departures, lattice_in_words, same_lattice};
 
-/// A mapper that knows nothing yet but what the field in a file expects, if one is given.
+/// A new mapper, with prior means from the field in a file, if one is given.
 ///
 /// # Errors
 ///
@@ -32,7 +32,7 @@ pub fn mapper(
     mapper_from(prior, arm, config, progress)
 }
 
-/// A mapper that knows nothing yet but what a field expects, which errors call by this name.
+/// A new mapper, with prior means from a field, if one is given with its name for errors.
 ///
 /// # Errors
 ///
@@ -69,9 +69,9 @@ fn load(path: &Path) -> Result<Saved, WorkError> {
     })
 }
 
-/// What a field expects of its cells, N/m, for a mapper under these settings.
+/// Prior means from a field, N/m, for a mapper under these settings.
 ///
-/// Notes where the numbers come from, and warns if they were learnt with another contact model.
+/// Notes the array that they come from, and warns if the field was learnt with another contact model.
 fn expected(
     saved: &Saved,
     name: &str,

@@ -1,8 +1,8 @@
-//! Who asked for work: hears of it, and may stop it.
+//! Messages and progress for the caller, who may also stop the work.
 
-/// The command's terminal, or a program.
+/// Receiver of messages and progress: the terminal of the command, or a program.
 pub trait Progress: Sync {
-    /// Receives a message that is no result: what was decided for the user, or is being done.
+    /// Receives a message that is not a result: what was decided for the user, or is being done.
     fn note(&self, text: &str);
 
     /// Receives a warning: something looks wrong, though it does not stop the work.
@@ -10,18 +10,19 @@ pub trait Progress: Sync {
         self.note(text);
     }
 
-    /// Work of so many steps begins, if they are known: of `things`, such as frames.
+    /// Begins work of `steps` steps, `None` if unknown. Steps are counted in `things`, such as
+    /// frames; `doing` names the work.
     fn begin(&self, steps: Option<u64>, things: &'static str, doing: &str) -> Box<dyn Bar>;
 
     /// Whether to stop at the next step.
     fn stopped(&self) -> bool;
 }
 
-/// How far some work is. It is over when this is dropped.
+/// Progress of one piece of work, which ends when the bar is dropped.
 pub trait Bar: Sync {
-    /// A step is done.
+    /// Counts one finished step.
     fn step(&self);
 
-    /// What is being worked on.
+    /// Shows what is being worked on, such as the name of a touch.
     fn at(&self, what: &str);
 }

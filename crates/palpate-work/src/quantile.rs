@@ -1,6 +1,7 @@
-//! Medians and the like.
+//! Quantiles, extremes and bounding boxes.
 
-/// The value below which a share of the numbers lies; `None` if there are none.
+/// Quantile of the numbers at `share`, from 0 to 1, by linear interpolation; `None` if there are
+/// none.
 pub fn quantile(numbers: &[f64], share: f64) -> Option<f64> {
     let mut sorted = numbers.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -10,12 +11,12 @@ pub fn quantile(numbers: &[f64], share: f64) -> Option<f64> {
     Some(sorted[low] + part * (sorted[(low + 1).min(last)] - sorted[low]))
 }
 
-/// The middle one; `None` if there are none.
+/// Median of the numbers; `None` if there are none.
 pub fn median(numbers: &[f64]) -> Option<f64> {
     quantile(numbers, 0.5)
 }
 
-/// The least and the greatest; `None` if there are none.
+/// The smallest and the largest number; `None` if there are none.
 pub fn extremes(numbers: impl IntoIterator<Item = f64>) -> Option<[f64; 2]> {
     numbers.into_iter().fold(None, |so_far: Option<[f64; 2]>, x| {
         let [low, high] = so_far.unwrap_or([x, x]);

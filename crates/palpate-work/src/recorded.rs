@@ -1,4 +1,4 @@
-//! Touches as events and as a whole, and those that a program holds, read as any log is.
+//! Touches as events, as a whole, and in memory as a log.
 
 use std::iter::once;
 use std::path::PathBuf;
@@ -9,24 +9,24 @@ use palpate_io::log::{Format, Log, LogDescription, LogError, LogEvent, LogWarnin
 
 use crate::error::WorkError;
 
-/// What happens next.
+/// An event of logs.
 pub enum TouchEvent {
-    /// A touch of this name starts.
+    /// A touch with this name starts.
     Touch(String),
-    /// The touch goes on.
+    /// The next sample of the touch.
     Sample(Sample),
 }
 
-/// One touch, whole: read from a log, or held by a program.
+/// A whole touch, read from a log or made by a program.
 #[derive(Debug, Clone, Default)]
 pub struct RecordedTouch {
-    /// The log that it is in; empty if a program holds it.
+    /// The log with the touch; empty if a program made it.
     pub log: PathBuf,
-    /// Its name.
+    /// Name of the touch.
     pub name: String,
     /// Names of the joints in the order of the samples, if they are known.
     pub joint_names: Option<Vec<String>>,
-    /// Its samples in order.
+    /// The samples in order.
     pub samples: Vec<Sample>,
 }
 
@@ -36,7 +36,7 @@ impl RecordedTouch {
         WorkError::touch(&self.log, place, source)
     }
 
-    /// Takes whole turns out of the positions of a robot's joints.
+    /// Removes whole turns from joint positions; see [`Robot::without_turns`].
     pub(crate) fn without_turns(&mut self, robot: &Robot) {
         let mut before: Option<&[f64]> = None;
         for sample in &mut self.samples {

@@ -1,4 +1,4 @@
-//! A mapper that goes on from a saved field.
+//! A mapper that continues from a saved field.
 
 use std::fmt::Display;
 use std::path::Path;
@@ -10,12 +10,11 @@ use palpate_io::field::{self, Saved};
 use crate::error::WorkError;
 use crate::settings::{Settings, first_difference};
 
-/// What a field says of the mapper that learnt it; settings that were given must agree with it. Errors call
-/// the field by this name.
+/// The snapshot in a saved field, which given settings must not contradict. `name` is the name of the field in errors.
 ///
 /// # Errors
 ///
-/// If it has no memory, or the settings contradict it.
+/// If the field was saved without its memory or has an elastic body, or the settings contradict it.
 pub fn snapshot_of(saved: Saved, name: &str, settings: &Settings) -> Result<Snapshot, WorkError> {
     if saved.field.elastic.is_some() {
         return Err(WorkError::from(format!(
@@ -44,8 +43,8 @@ pub fn snapshot_of(saved: Saved, name: &str, settings: &Settings) -> Result<Snap
     Ok(snapshot)
 }
 
-/// The configuration that a field was learnt under; settings that were given must agree with it. Where an identified arm
-/// was used, the settings alone say how measured torques count.
+/// The configuration under which a field was learnt, which given settings must not contradict. If it was learnt with an
+/// identified arm, the convention of measured torques is that of the settings alone.
 ///
 /// # Errors
 ///
@@ -68,7 +67,7 @@ pub fn config(path: &Path, settings: &Settings) -> Result<MapperConfig, WorkErro
     Ok(config)
 }
 
-/// Refuses settings that a field was not learnt under.
+/// Refuses given settings that differ from those of a saved field.
 fn check_settings(saved: &MapperConfig, name: &str, given: &Settings) -> Result<(), WorkError> {
     match first_difference(saved, &given.config_over_saved(saved)?) {
         None => Ok(()),
@@ -79,11 +78,11 @@ fn check_settings(saved: &MapperConfig, name: &str, given: &Settings) -> Result<
     }
 }
 
-/// The mapper of a field that errors call by this name.
+/// Restores the mapper from the snapshot of a field; `name` is the name of the field in errors.
 ///
 /// # Errors
 ///
-/// If it was learnt with another robot, or contradicts itself.
+/// If the field was learnt with another robot, or its snapshot is inconsistent.
 pub fn mapper(name: impl Display, arm: &Arc<Arm>, snapshot: Snapshot) -> Result<Mapper, WorkError> {
     Mapper::resume(Arc::clone(arm), snapshot)
         .map_err(|error| WorkError::from(format!("`{name}` cannot be continued: {error}")))

@@ -1,4 +1,4 @@
-//! The robot that the settings name, loaded and loaded upon.
+//! Loads the robot that the settings name, with its payload.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -11,14 +11,14 @@ use crate::progress::Progress;
 use crate::settings::sections::{RobotSettings, Section};
 use crate::settings::{Held, Renamed, SettingsError};
 
-/// Loads the robot with its payload, and says what was odd about it.
+/// As [`load_with_report`], and warns of what looked odd in the robot's files.
 pub fn load(settings: &RobotSettings, progress: &dyn Progress) -> Result<Arc<Arm>, WorkError> {
     let loaded = load_with_report(settings)?;
     loaded.warnings.iter().for_each(|warning| progress.warn(warning));
     Ok(Arc::new(loaded.arm))
 }
 
-/// Loads the robot with its payload.
+/// Loads the robot with its payload, renamed joints and joints that stand still; returns warnings with it.
 pub fn load_with_report(settings: &RobotSettings) -> Result<LoadedArm, WorkError> {
     let payload = settings.payload()?;
     let mut loaded = load_arm(settings.name(), &settings.options()).map_err(WorkError::file)?;
@@ -39,8 +39,8 @@ pub fn load_with_report(settings: &RobotSettings) -> Result<LoadedArm, WorkError
     Ok(loaded)
 }
 
-/// Warns if a field was learnt with another arm, which is allowed: of another name than the field says, or, if the field
-/// remembers its arm in a snapshot, another one than that.
+/// Warns if a field was learnt with another arm, which is allowed. Arms are compared by fingerprint if the field has a
+/// snapshot, else by name.
 pub fn warn_of_other_robot(
     (name, snapshot): (&str, Option<&Snapshot>),
     arm: &Arm,

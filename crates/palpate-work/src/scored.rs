@@ -1,4 +1,4 @@
-//! The four figures of Table I of predicted touches, per touch and over all frames.
+//! The four error figures of Table I for predicted touches, per touch and over all frames.
 
 use std::path::PathBuf;
 
@@ -10,39 +10,40 @@ use serde::Serialize;
 use crate::predict::{Against, FrameResult, TouchResult};
 use crate::progress::Progress;
 
-/// The figures of touches, one by one and together: what `palpate predict --json` prints.
+/// The figures of each touch and of all together; printed by `palpate predict --json`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
-    /// One by one.
+    /// The figures of each touch.
     pub touches: Vec<Row>,
-    /// The frames of all touches together.
+    /// The figures of the frames of all touches together.
     pub overall: Row,
-    /// What predictions were held against.
+    /// The torques with which predictions were compared.
     pub against: Against,
-    /// How often the bands contained that; `None` if the field has none, or against the truth.
+    /// How often the bands contained the measured torque; `None` if the field has no bands, or predictions were
+    /// compared with the truth.
     pub bands: Option<Coverage>,
 }
 
-/// One touch, or all of them.
+/// Figures of one touch, or of all touches.
 #[derive(Debug, Clone, Serialize)]
 pub struct Row {
-    /// The touch, if it is one.
+    /// Name of the touch; `None` for all touches.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// The log that it is in.
+    /// The log with the touch; `None` for all touches.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub log: Option<PathBuf>,
-    /// Scored frames.
+    /// Number of scored frames.
     pub frames: u64,
-    /// All that the log holds.
+    /// Number of frames in the log.
     pub frames_in_log: u64,
-    /// Those that the tare was taken from.
+    /// Frames that are not scored, since the tare was taken from them.
     pub tare_frames: u64,
-    /// Those of at least 1 N·m, which have a relative error.
+    /// Scored frames of at least 1 N·m, which have a relative error.
     pub relative_frames: u64,
-    /// Those that touched points of the lattice.
+    /// Scored frames in which the arm touched points of the lattice.
     pub frames_in_contact: u64,
-    /// Those that touched points which the field knows.
+    /// Scored frames in which the arm touched points that the field knows.
     pub frames_on_known: u64,
     /// Errors of the field.
     #[serde(flatten)]
@@ -102,7 +103,7 @@ impl Report {
         let touch = |touch| Row::of(std::slice::from_ref(touch), Some(touch));
         let touches = results.iter().map(touch).collect();
         let overall = Row::of(results, None);
-        // They are of measured torques.
+        // Bands are for measured torques.
         let results = if against == Against::Measured { results } else { &[] };
         let bands: Vec<Band> = results.iter().filter_map(|touch| touch.band(field)).collect();
         let bands = Coverage::of(&bands.iter().collect::<Vec<_>>());
@@ -110,8 +111,8 @@ impl Report {
     }
 }
 
-/// Notes what a reader of the errors should know. An elastic body predicts torques where no point was
-/// touched, too.
+/// Warns of touches whose errors say little, or are worse than those of predicting zero. With an elastic body, torques
+/// are predicted even where no known point is touched.
 pub fn report_oddities(results: &[TouchResult], field: &Field, progress: &dyn Progress) {
     let has_body = field.elastic.as_ref().is_some_and(|model| model.share > 0.0);
     let meets_known = |touch: &TouchResult| has_body || touch.count(|frame| frame.known > 0) > 0;

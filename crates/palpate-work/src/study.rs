@@ -12,21 +12,22 @@ use crate::inspect::counted;
 use crate::progress::Progress;
 use crate::touches::RecordedTouch;
 
-/// An object that is studied: the touches of it.
+/// An object of a study, with its touches.
 #[derive(Clone, Copy)]
 pub struct StudiedObject<'a> {
-    /// What errors call it.
+    /// Name of the object in errors.
     pub name: &'a str,
     /// The robot.
     pub arm: &'a Arc<Arm>,
-    /// As read, for errors that name the log.
+    /// The touches as read, for errors that name the log.
     pub recorded: &'a [RecordedTouch],
-    /// As they are predicted.
+    /// The touches as they are predicted.
     pub touches: &'a [Touch],
 }
 
 impl StudiedObject<'_> {
-    /// Predicts each touch from the others under each of `settings`; see [`study::study`].
+    /// Predicts each touch from the others under each of `settings`; `of` is `(every, curve)` of
+    /// [`study::study`].
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! External torques of logs, sample by sample, with their standard deviations, and when something is touched.
+//! External torques of logs, sample by sample, with standard deviations, and the intervals of contact.
 
 use std::collections::HashMap;
 use std::ops::RangeInclusive;
@@ -13,7 +13,7 @@ use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::touches::RecordedTouch;
 
-/// Standard deviations from which on something counts as touched where no contact-free motion says it.
+/// Threshold for contact in standard deviations, if there is no contact-free motion to find it from.
 const USUAL_THRESHOLD: f64 = 6.0;
 
 /// What a threshold was found from.
@@ -24,28 +24,28 @@ pub enum ThresholdSource {
     FreeLogs,
     /// Motion that identification held out.
     Identification,
-    /// Nothing: it is a guess.
+    /// No data: it is a guess.
     Guess,
 }
 
-/// Part of the samples beyond which contact is not believed.
+/// Largest plausible share of samples in contact; beyond it, a warning is given.
 const ALWAYS: f64 = 0.8;
 
-/// How far apart two contacts are at least.
+/// Shortest time, and fewest samples if there are no times, between two contact intervals; closer ones are merged.
 const APART_S: f64 = 0.25;
 const APART_SAMPLES: usize = 10;
 
-/// False alarms an hour that can be asked for.
+/// Allowed range of false alarms per hour.
 pub const FALSE_ALARMS_PER_HOUR: RangeInclusive<f64> = 1e-6..=3600.0;
-/// Bandwidths that can be asked for, Hz.
+/// Allowed range of bandwidths, Hz.
 pub const BANDWIDTH_HZ: RangeInclusive<f64> = 1e-3..=1e5;
 
-/// What to do with the torques.
+/// How external torques are processed.
 #[derive(Debug, Clone, Copy)]
 pub struct TorqueSettings {
     /// First-order low-pass of the external torques, Hz.
     pub bandwidth_hz: Option<f64>,
-    /// Samples at the start of each touch whose mean is taken off.
+    /// Number of samples at the start of each touch whose mean torque is subtracted.
     pub tare_frames: usize,
     /// Link at whose origin the wrench is given.
     pub wrench_link: Option<LinkId>,
@@ -54,41 +54,42 @@ pub struct TorqueSettings {
 /// External torques of a touch.
 #[derive(Debug, Clone)]
 pub struct TouchTorques {
-    /// The log that it is in.
+    /// The log with the touch.
     pub log: PathBuf,
-    /// Its name.
+    /// Name of the touch.
     pub name: String,
-    /// Sample by sample.
+    /// External torque of each sample.
     pub frames: Vec<TorqueFrame>,
 }
 
 /// External torque at a sample.
 #[derive(Debug, Clone)]
 pub struct TorqueFrame {
-    /// By the log's clock, s.
+    /// Time by the log's clock, s.
     pub time_s: Option<f64>,
     /// Joint positions, n_joints, rad or m.
     pub q: Vec<f64>,
-    /// With its standard deviation, n_joints, N·m.
+    /// External torque with its standard deviation, n_joints, N·m.
     pub external: ExternalTorque,
-    /// The largest |torque| over its standard deviation.
+    /// Largest ratio of |torque| to its standard deviation over the joints.
     pub statistic: f64,
-    /// Force, N, and moment, N·m, at the origin of a link in the robot's base axes, that explain the torque best.
+    /// Wrench that explains the torque best: force, N, and moment, N·m, at the origin of the link, along the axes of
+    /// the robot's base.
     pub wrench: Option<Vector6<f64>>,
 }
 
-/// A stretch of time in which something is touched.
+/// A time interval of contact.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ContactInterval {
-    /// The log, and the touch in it.
+    /// The log with the touch.
     pub log: PathBuf,
-    /// See `log`.
+    /// Name of the touch.
     pub touch: String,
-    /// First and last sample.
+    /// Number of the first and the last sample in the touch, from 0.
     pub samples: [usize; 2],
-    /// Their times, s.
+    /// Times of these samples, s; `None` without times.
     pub time_s: Option<[f64; 2]>,
-    /// The largest torque of all joints in it, norm, N·m.
+    /// Largest norm of the external torque in the interval, N·m.
     pub largest_n_m: f64,
 }
 
@@ -161,14 +162,14 @@ pub fn torques(
     Ok(found)
 }
 
-/// Warns if something seems to be touched nearly all the time, by a threshold that free motion says.
+/// Warns if nearly all samples exceed a threshold that was found from free motion.
 pub fn warn_if_always_touched(
     touches: &[TouchTorques],
     (threshold, from): (f64, ThresholdSource),
     progress: &dyn Progress,
 ) {
     if from == ThresholdSource::Guess {
-        return; // friction is in the torques
+        return; // friction is still in the torques
     }
     let frames = || touches.iter().flat_map(|touch| &touch.frames);
     let touched = frames().filter(|frame| frame.statistic > threshold).count() as f64;
@@ -196,7 +197,8 @@ fn warn_of_untimed(touches: &[TouchTorques], progress: &dyn Progress) {
     }
 }
 
-/// Gives touches that are called alike the names of their logs as well, and numbers where those are alike too.
+/// Makes equal names of touches differ: puts the name of the log before them, and appends numbers if they are still
+/// equal.
 fn rename_alike(touches: &mut [TouchTorques]) {
     let counted = |touches: &[TouchTorques]| {
         let mut counts: HashMap<String, usize> = HashMap::new();
@@ -225,8 +227,8 @@ fn check(key: &str, value: f64, range: &RangeInclusive<f64>) -> Result<(), WorkE
     Err(WorkError::Usage(format!("{key} is {value}; wanted a number from {low} to {high}")))
 }
 
-/// The wrench at a link's origin that explains torques best, each weighed by its standard deviation; the parts
-/// of it that no torque determines are zero.
+/// The wrench at a link's origin that explains the torques best, each weighted by the inverse of its standard
+/// deviation; components that the torques do not determine are zero.
 fn wrench(robot: &Robot, poses: &Poses, link: LinkId, external: &ExternalTorque) -> Vector6<f64> {
     let origin = poses.world_from_link[link.index()].translation.vector;
     let spatial = robot.spatial_jacobian(poses, link);
@@ -246,11 +248,12 @@ fn wrench(robot: &Robot, poses: &Poses, link: LinkId, external: &ExternalTorque)
     Vector6::from_column_slice(found.as_slice())
 }
 
-/// The threshold that contact-free motion passes so many times an hour, standard deviations, and what it was found from.
+/// The threshold, in standard deviations, that contact-free motion exceeds `false_alarms_per_hour` times an hour, and
+/// what it was found from.
 ///
 /// # Errors
 ///
-/// If the rate is none, or the contact-free logs are too short.
+/// If the rate is out of its range, or the contact-free logs are too short.
 pub fn threshold(
     model: &TorqueModel,
     free: Option<&[TouchTorques]>,
@@ -278,8 +281,8 @@ pub fn threshold(
     Ok((alarm.threshold(false_alarms_per_hour), ThresholdSource::FreeLogs))
 }
 
-/// Stretches of time in which the threshold is passed; those that are less than 0.25 s (or samples without a time 10)
-/// apart are one.
+/// Intervals in which the threshold is exceeded; those less than 0.25 s apart (10 samples if there are no times) are
+/// merged.
 pub fn contacts(touches: &[TouchTorques], threshold: f64) -> Vec<ContactInterval> {
     let mut contacts: Vec<ContactInterval> = Vec::new();
     for touch in touches {

@@ -1,33 +1,34 @@
-//! What touches displace of the lattice, counted in one way by `map`, `evaluate` and `inspect`.
+//! Counts of the points and cells that touches displace, the same for `map`, `evaluate` and
+//! `inspect`.
 
 use palpate::Lattice;
 use serde::Serialize;
 
 use crate::settings::corners;
 
-/// How many points the arm touches, frame by frame.
+/// Number of points that the arm touches, frame by frame.
 #[derive(Debug, Clone, Default)]
 pub struct Touched {
     frames: u64,
-    /// Points touched in each frame that touches any.
+    /// Number of touched points in each frame with contact.
     contacts: Vec<usize>,
 }
 
-/// [`Touched`] in figures.
+/// The figures of [`Touched`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct TouchedFigures {
-    /// Frames in the log.
+    /// Number of frames in the log.
     pub frames: u64,
     /// Frames in which the arm touches points of the lattice.
     pub frames_in_contact: u64,
-    /// Median points touched, over the frames that touch any.
+    /// Median number of touched points, over the frames with contact.
     pub contacts_median: usize,
-    /// Cells that are touched in the frames after the tare.
+    /// Number of cells that are touched after the tare.
     pub cells_touched: usize,
 }
 
 impl Touched {
-    /// Adds a frame that touches so many points.
+    /// Adds a frame with its number of touched points.
     pub fn add(&mut self, contacts: usize) {
         self.frames += 1;
         if contacts > 0 {
@@ -41,19 +42,19 @@ impl Touched {
         self.contacts.extend(&other.contacts);
     }
 
-    /// Frames that touch any point.
+    /// Number of frames with contact.
     pub fn frames_in_contact(&self) -> u64 {
         self.contacts.len() as u64
     }
 
-    /// Median points touched, over the frames that touch any.
+    /// Median number of touched points, over the frames with contact.
     pub fn contacts_median(&self) -> usize {
         let mut contacts = self.contacts.clone();
         let middle = contacts.len() / 2;
         if contacts.is_empty() { 0 } else { *contacts.select_nth_unstable(middle).1 }
     }
 
-    /// The figures of a log that touches so many cells.
+    /// The figures, with the number of touched cells.
     pub fn figures(&self, cells_touched: usize) -> TouchedFigures {
         TouchedFigures {
             frames: self.frames,
@@ -63,7 +64,7 @@ impl Touched {
         }
     }
 
-    /// What is wrong if there are frames and none of them touches the lattice.
+    /// A message if there are frames and none of them touches the lattice.
     pub fn nothing(&self, lattice: &Lattice) -> Option<String> {
         let [low_m, high_m] = <[_; 2]>::from(corners(lattice)).map(point);
         let nothing = self.frames > 0 && self.contacts.is_empty();
@@ -85,7 +86,7 @@ impl FromIterator<usize> for Touched {
     }
 }
 
-/// A place in words.
+/// A point in words, m.
 pub fn point([x, y, z]: [f64; 3]) -> String {
     format!("({x:.3}, {y:.3}, {z:.3})")
 }

@@ -1,4 +1,4 @@
-//! Settings for one's own robot and object, chosen on one's own touches.
+//! Settings for a robot and an object, chosen by cross-validation on their touches.
 
 use std::sync::Arc;
 
@@ -15,16 +15,17 @@ use crate::progress::Progress;
 use crate::settings::{Settings, SettingsError};
 use crate::touches::{RecordedTouch, TouchEvent, Touches};
 
-/// Touches that [`quickly_tuned`] learns from and predicts, and samples of them that are learnt from ([`Downsampling`]).
+/// Most touches that [`quickly_tuned`] learns from and predicts, and most samples of them after [`Downsampling`].
 const QUICK_TOUCHES: usize = 16;
 const QUICK_LEARNT: usize = 20_000;
-/// Touches that they are taken from, and their samples: the first ones.
+/// Most touches, and most samples, that are read to pick those touches from.
 const MOST_TOUCHES: usize = 200;
 const MOST_SAMPLES: usize = 500_000;
-/// Torque of a touch, N·m, that hardly says anything of settings; relative errors are of frames of at least so much.
+/// Touches whose torque stays below this, N·m, are used only if there are too few others. Frames below it have no
+/// relative error.
 const WEAK_N_M: f64 = 1.0;
 
-/// Fewest touches that settings are chosen from.
+/// Fewest touches from which settings can be chosen.
 pub const FEWEST: usize = 3;
 
 /// How settings are chosen.
@@ -32,15 +33,15 @@ pub const FEWEST: usize = 3;
 pub enum Tune {
     /// Not at all.
     Off,
-    /// Those of `map` that are not given, among few, in seconds.
+    /// Settings of `map` that are not given, among few candidates, in seconds.
     #[default]
     Quick,
-    /// Those of `map` and of `ekf`, among many around those given, in minutes.
+    /// Settings of `map` and of `ekf`, among many candidates around the given ones, in minutes.
     Thorough,
 }
 
 impl Tune {
-    /// `off`, `quick` or `thorough`.
+    /// Parses `off`, `quick` or `thorough`.
     ///
     /// # Errors
     ///
@@ -80,16 +81,16 @@ pub fn given(settings: &Settings) -> Given {
     }
 }
 
-/// What settings are chosen for.
+/// Touches for which settings are chosen.
 #[derive(Clone, Copy)]
 pub struct Tuning<'a> {
     /// The robot.
     pub arm: &'a Arc<Arm>,
-    /// As read, for errors that name the log.
+    /// The touches as read, for errors that name the log.
     pub recorded: &'a [RecordedTouch],
-    /// As they are evaluated.
+    /// The touches as they are evaluated.
     pub touches: &'a [Touch],
-    /// The settings to start from, which are a candidate themselves.
+    /// The initial settings, which are a candidate themselves.
     pub config: &'a MapperConfig,
 }
 
@@ -98,12 +99,12 @@ impl Tuning<'_> {
     ///
     /// # Errors
     ///
-    /// If it is another estimator, there are fewer than three touches, a sample cannot be used, or on being stopped.
+    /// If the estimator is not `map`, there are fewer than three touches, a sample cannot be used, or on being stopped.
     pub fn quick(&self, given: Given, progress: &dyn Progress) -> Result<Tuned, WorkError> {
         Ok(self.quickly(given, progress)?.1)
     }
 
-    /// The touches under the settings to start from, and what was chosen quickly.
+    /// The touches, tracked under the initial settings, and the result of a quick search.
     fn quickly(
         &self,
         given: Given,
@@ -118,7 +119,7 @@ impl Tuning<'_> {
         self.searched(Search::quick(self.config, given), progress)
     }
 
-    /// Chooses among so many candidates, or as many as a few minutes allow.
+    /// Chooses among `candidates` candidates; if not given, among as many as a few minutes allow.
     ///
     /// # Errors
     ///
@@ -134,7 +135,8 @@ impl Tuning<'_> {
         Ok(self.searched(Search::thorough(self.config, effort), progress)?.1)
     }
 
-    /// Bands around what these settings predict, calibrated on all touches, which were tracked under others.
+    /// Bands around predictions under `config`, calibrated on all touches; `tracked` are these under the initial
+    /// settings.
     fn calibrated(
         &self,
         tracked: &Tracked,
@@ -148,7 +150,7 @@ impl Tuning<'_> {
         let tracked = if config.contact == self.config.contact {
             tracked
         } else {
-            // With the tare that it has under this contact model, as when it is mapped.
+            // Tracked anew: the tare depends on the contact model.
             other = Tracked::new(self.arm, config, self.touches, &stop).map_err(fault)?;
             &other
         };
@@ -156,7 +158,7 @@ impl Tuning<'_> {
         calibrate(tracked, &everything, config, &stop).map_err(fault)
     }
 
-    /// The touches under the settings to start from, and what was chosen.
+    /// The touches, tracked under the initial settings, and the result of a search.
     fn searched(
         &self,
         search: Search,
@@ -196,7 +198,7 @@ impl Tuning<'_> {
     }
 }
 
-/// Settings that were chosen, and bands around what a field of them predicts, if there were touches enough.
+/// Chosen settings, and bands around predictions under them if there were enough touches.
 #[derive(Debug, Clone)]
 pub struct Chosen {
     /// The settings.
@@ -205,8 +207,8 @@ pub struct Chosen {
     pub calibration: Option<Calibration>,
 }
 
-/// `config` with the settings that cross-validation on some of these touches chooses, as far as they were not
-/// given; reports them in a line. With fewer than three touches it stays as it is.
+/// Chooses the settings that are not given, by cross-validation on some of the touches, and notes them in one line.
+/// With fewer than three touches in contact, `config` is returned as it is.
 ///
 /// # Errors
 ///
@@ -255,7 +257,7 @@ pub fn quickly_tuned(
     }
 }
 
-/// Reads the first touches, of which some are picked to choose settings from; whether these are all.
+/// Reads the first touches, up to [`MOST_TOUCHES`] and [`MOST_SAMPLES`]; true if these are all.
 fn first_of(touches: &mut Touches, recorded: &mut Vec<RecordedTouch>) -> Result<bool, WorkError> {
     let mut samples = 0;
     while let Some(event) = touches.advance()? {
@@ -269,7 +271,7 @@ fn first_of(touches: &mut Touches, recorded: &mut Vec<RecordedTouch>) -> Result<
             }
             TouchEvent::Touch(_) => return Ok(false),
             TouchEvent::Sample(_) => {
-                recorded.pop(); // Its end is not there.
+                recorded.pop(); // It is incomplete.
                 return Ok(false);
             }
         }
@@ -277,8 +279,9 @@ fn first_of(touches: &mut Touches, recorded: &mut Vec<RecordedTouch>) -> Result<
     Ok(true)
 }
 
-/// Leaves the touches that settings are chosen from, in their order: those with the largest torques, without those that touch
-/// nothing; without weak ones too, if others are left. False if some had too many samples.
+/// Keeps the touches from which settings are chosen, in their order: those with the largest torques, without touches
+/// without contact, and without weak ones if enough others are left. False if touches were left out because of their
+/// number of samples.
 fn pick(
     recorded: &mut Vec<RecordedTouch>,
     (arm, config): (&Arc<Arm>, &MapperConfig),
@@ -308,8 +311,8 @@ fn pick(
     Ok(kept.len() == strongest.len().min(QUICK_TOUCHES))
 }
 
-/// The places of touches with these largest torques, N·m, the strongest first: those above 0, or above [`WEAK_N_M`] if they are
-/// enough.
+/// Indices of touches, given the largest torque of each, N·m, in descending order: those above [`WEAK_N_M`], or above 0
+/// if these are fewer than [`FEWEST`].
 fn strongest_first(torques: &[f64]) -> Vec<usize> {
     let above = |least: f64| (0..torques.len()).filter(move |place| torques[*place] > least);
     let least = if above(WEAK_N_M).count() < FEWEST { 0.0 } else { WEAK_N_M };
@@ -318,7 +321,7 @@ fn strongest_first(torques: &[f64]) -> Vec<usize> {
     places
 }
 
-/// The settings and their error, in a line.
+/// The chosen settings and their score, in one line.
 fn summary(tuned: &Tuned, (touches, found): (usize, usize)) -> String {
     let (contact, estimator) = (&tuned.config.contact, &tuned.config.estimator);
     let score = tuned.trials[0].scores.last().copied().filter(|score| score.is_finite());
@@ -342,7 +345,7 @@ pub fn trials(tuned: &Tuned) -> Vec<serde_json::Value> {
     tuned.trials.iter().map(trial).collect()
 }
 
-/// The given settings with what was chosen.
+/// The given settings, with the chosen values.
 pub fn tuned_settings(tuned: &Tuned, given: &Settings) -> Settings {
     let (mut settings, config) = (given.clone(), &tuned.config);
     settings.contact.contact_distance_m = Some(config.contact.contact_distance_m);

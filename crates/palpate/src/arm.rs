@@ -1,7 +1,7 @@
-//! A robot with a skin: its links and the baked distance of each.
+//! A robot with the grid of signed distances of each of its links.
 //!
-//! This is what the contact simulator moves through the lattice. It knows neither where meshes nor
-//! where caches come from: both are handed in.
+//! The contact simulator moves this arm through the lattice. Meshes and cached grids are passed in; this module does
+//! not load them.
 
 use std::sync::Arc;
 
@@ -14,24 +14,24 @@ use crate::sdf::{self, BakeConfig, BakeReport, DistanceGrid, SdfError, Solid, Tr
 /// A robot and the surface of each of its links.
 #[derive(Debug, Clone)]
 pub struct Arm {
-    /// Tree and kinematics.
+    /// Link tree and kinematics.
     pub robot: Robot,
-    /// One per link, in the order of [`Robot::links`]; `None` for a link without shapes.
+    /// Grid of each link, in the order of [`Robot::links`]; `None` for a link without shapes.
     ///
     /// Shared, since they are large and never change.
     pub surfaces: Arc<Vec<Option<DistanceGrid>>>,
 }
 
-/// What baking one link found out.
+/// Report on the baking of one link.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinkReport {
-    /// Which link.
+    /// The link.
     pub link: LinkId,
-    /// Volume, and where the sign of its meshes is doubtful.
+    /// Its volume, and the parts of it where inside or outside is doubtful.
     pub report: BakeReport,
 }
 
-/// Why a robot cannot be given a skin.
+/// Why the surfaces of a robot cannot be baked.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
@@ -42,29 +42,28 @@ pub enum ArmError {
     /// A shape that cannot be baked.
     #[error("link `{link}`: {reason}")]
     Shape { link: String, reason: SdfError },
-    /// An arm that can touch nothing.
+    /// A robot without any collision shape.
     #[error("none of the {links} links of robot `{robot}` has a collision shape")]
     Shapeless { robot: String, links: usize },
 }
 
-/// What the lookup of a mesh gives: its triangles in the file's coordinates.
+/// Result of loading a mesh: its triangles in the file's coordinates.
 pub type MeshResult = Result<TriangleMesh, Box<dyn std::error::Error + Send + Sync>>;
 
 impl Arm {
-    /// How far the fastest point of the arm goes in a straight line when its links go from these poses to those,
-    /// m.
+    /// Largest distance between the positions of a point of the arm at two sets of link poses, m.
     pub fn travel_m(&self, from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> f64 {
         travel_m(&self.surfaces, from, to)
     }
 
     /// Bakes the surfaces of all links.
     ///
-    /// `load` is given the filename of a mesh as the URDF spells it, once for each time that it
-    /// is used. To keep baked links in a cache, go link by link: [`solid`], [`sdf::bake`].
+    /// `load` gets the filename of a mesh as written in the URDF; it is called once for each use of a mesh. To cache
+    /// baked links, call [`solid`] and [`sdf::bake`] link by link.
     ///
     /// # Errors
     ///
-    /// Whatever `load` says, a shape that cannot be baked, or a robot without any shape.
+    /// An error of `load`, a shape that cannot be baked, or a robot without any shape.
     pub fn bake(
         robot: Robot,
         config: &BakeConfig,
@@ -85,7 +84,7 @@ impl Arm {
         Ok((Arm::new(robot, surfaces)?, reports))
     }
 
-    /// A robot with surfaces that are baked already.
+    /// An arm from a robot and surfaces that were baked before.
     ///
     /// # Errors
     ///
@@ -93,7 +92,7 @@ impl Arm {
     ///
     /// # Panics
     ///
-    /// If there is not one entry a link.
+    /// If `surfaces` does not have one entry for each link.
     pub fn new(robot: Robot, surfaces: Vec<Option<DistanceGrid>>) -> Result<Arm, ArmError> {
         assert_eq!(surfaces.len(), robot.links().len(), "one surface, or none, for each link");
         if surfaces.iter().all(Option::is_none) {
@@ -103,10 +102,10 @@ impl Arm {
         Ok(Arm { robot, surfaces: Arc::new(surfaces) })
     }
 
-    /// A number that distinguishes this arm from others: its links, joints, masses and surfaces.
+    /// A hash of the links, joints, masses and surfaces, which identifies this arm.
     ///
-    /// Lengths are rounded to a micrometre and masses to a milligram, so that the last bits of a
-    /// machine's arithmetic do not make another arm. Cost: a millisecond.
+    /// Lengths are rounded to a micrometre and masses to a milligram, so that rounding errors do not change the hash.
+    /// Cost: about 1 ms.
     pub fn fingerprint(&self) -> u64 {
         let rounded = |number: f64| ((number * 1e6).round() as i64).to_le_bytes();
         let kinematics = self.robot.numbers().flat_map(rounded);
@@ -121,11 +120,11 @@ impl Arm {
     }
 }
 
-/// The shapes of a link, meshes loaded and moved into its frame; `None` if it has none.
+/// The shapes of a link, with its meshes loaded and moved into its frame; `None` if it has no shape.
 ///
 /// # Errors
 ///
-/// [`ArmError::Mesh`] with whatever `load` says.
+/// [`ArmError::Mesh`] with the error of `load`.
 pub fn solid(
     link: &Link,
     mut load: impl FnMut(&str) -> MeshResult,

@@ -4,30 +4,31 @@
 //!
 //! ```text
 //! q(level) · (a_j + b |τ̂_j| + c s_j + d_j n)^g      s, the spread: √ diag(H diag(σ² + ρ² K²) Hᵀ)
-//!                                                   n: share of the touched points that the field does not know
+//!                                                   n: share of unknown cells among the touched points
 //! ```
 //!
-//! s is as if each spring were off by its standard deviation σ and by ρ times its stiffness K, independently of the others.
-//! Where torques of stiff springs cancel out, |τ̂| is small but the error is not; s is large there.
+//! s is the standard deviation of the torque if the errors of the springs are independent, each with variance σ² + ρ²
+//! K². Where the torques of stiff springs cancel, |τ̂| is small but its error is not; s is large there.
 //!
-//! The numbers a, b, c and q are found on touches that were held out (`palpate_learn::calibrate`). Frames of a touch are not
-//! independent, so n touches give no level above n / (n + 1): with the chance that is left, a new touch is worse than all
-//! of them.
+//! The numbers a, b, c and q are found on held-out touches (`palpate_learn::calibrate`). Frames of a touch are not
+//! independent, so n touches give no level above n / (n + 1): with probability 1 / (n + 1), the errors of a new touch
+//! exceed those of all n.
 //!
-//! The exponent g is ½: bands are then narrower than with g = 1 and contain as many torques, but fewer of the largest ones.
-//! For these there is another band, of the largest torque of a touch, with its own q and g = 1. A guard takes that one.
+//! The exponent g is ½: these bands are narrower than with g = 1 and contain the same share of all torques, but a
+//! smaller share of the largest ones. So there is a second band for the largest torque of a touch (the *peak*), with
+//! its own q and g = 1. A guard should use the second one.
 //!
-//! With too few of them for that, bands are as those of other objects ([`Calibration::of_other_objects`]): a is the error
-//! that the field makes on what it has learnt from, which of all that is known without a touch held out says best how well
-//! springs can express this object, and d the measured torque. s is left out: they were found
-//! without it, and σ falls with the samples a second. g is 1, so that an object twice as stiff has bands twice as wide.
+//! With too few touches to hold out, bands are those of other objects ([`Calibration::of_other_objects`]): a is
+//! proportional to the residual on the learnt touches, which without held-out touches is the best measure of how well
+//! springs describe this object, and d to the measured torque. s is not used, since these factors were found without it
+//! and σ depends on the sampling rate. g is 1, so that an object twice as stiff has bands twice as wide.
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use crate::estimator::LARGEST;
 
-/// What the widths of bands are computed from.
+/// Factors from which the widths of bands are computed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
@@ -37,10 +38,10 @@ pub struct Calibration {
     pub by_torque: f64,
     /// Factor c of s.
     pub by_std: f64,
-    /// ρ: by how many times its stiffness a spring is off in s, beside its standard deviation.
+    /// ρ: error of a spring relative to its stiffness, which s contains beside the standard deviation.
     #[serde(default)]
     pub relative_std: f64,
-    /// Factors d of the share of unknown points, n_joints, N·m; none if it does not count.
+    /// Factors d of the share of unknown points, n_joints, N·m; empty if that share is not used.
     #[serde(default)]
     pub by_unknown_n_m: Vec<f64>,
     /// Exponent g of the sum, for the torque of a joint in a frame, above 0 and at most 1.
@@ -48,28 +49,30 @@ pub struct Calibration {
     pub exponent: f64,
     /// Standard deviation of the stiffness of cells that were never touched, N/m.
     pub untouched_std_n_per_m: f64,
-    /// Touches that were held out; of bands of other objects, those that were learnt from.
+    /// Number of held-out touches; for bands of other objects, number of learnt touches.
     pub touches: u32,
-    /// Whether b, d and q are those of other objects.
+    /// Whether b, d and q were found on other objects.
     #[serde(default)]
     pub of_other_objects: bool,
-    /// q at some levels, in rising order.
+    /// q at some levels, in ascending order of level.
     pub quantiles: Vec<BandQuantiles>,
-    /// Of each held-out touch that touched anything, root mean squares of its errors: over a + b |τ̂| + c s, and over those
-    /// of the measured torques and a. A touch that fits far worse contradicts the field.
+    /// For each held-out touch with contact: the root mean square of error over [`Calibration::scale`], and the root of
+    /// the sum of squared errors over that of squared measured torques and a. A touch with far larger values
+    /// contradicts the field.
     #[serde(default)]
     pub misfits: Vec<[f64; 2]>,
 }
 
-/// The factors q of a level.
+/// The factors q at one level.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BandQuantiles {
-    /// The share of torques that the band is to contain, 0 to 1.
+    /// Share of torques that the band should contain, 0 to 1.
     pub level: f64,
     /// For the torque of a joint in a frame, (N·m)^(1 − g).
     pub frame: f64,
-    /// For the largest torque of a joint in a touch, with the sum where the largest is predicted, and no exponent.
+    /// For the largest torque of a joint in a touch: multiplies the sum, without exponent, in the frame with the
+    /// largest predicted torque.
     pub peak: f64,
 }
 
@@ -77,10 +80,11 @@ fn one() -> f64 {
     1.0
 }
 
-/// On other objects, at 0.9: a over the error on what was learnt, b, and d over the measured torque. Nine simulated
-/// objects, on touches held out after learning 1, 2, 4, 8 and all others, under given and chosen settings.
+/// Factors on other objects, at level 0.9: a over the residual on the learnt touches, b, and d over the measured
+/// torque. From nine simulated objects, with touches held out after learning 1, 2, 4, 8 and all others, under given and
+/// chosen settings.
 const OTHERS: [f64; 3] = [0.998, 1.48, 1.057];
-/// Their q of frames and peaks.
+/// Levels on other objects, each with q of frames and q of peaks.
 const OTHERS_Q: [[f64; 3]; 7] = [
     [0.5, 0.2, 0.8],
     [0.6, 0.28, 1.09],
@@ -90,20 +94,20 @@ const OTHERS_Q: [[f64; 3]; 7] = [
     [0.9, 1.0, 2.44],
     [0.95, 1.56, 3.37],
 ];
-/// After n touches, peaks are off by 1 + this / n times as much.
+/// After n learnt touches, q of peaks is multiplied by 1 + `FEW_TOUCHES` / n.
 const FEW_TOUCHES: f64 = 0.6;
 
-/// What a field has learnt from, n_joints each, N·m: root mean squares over the samples in contact.
+/// Residuals and torques of the learnt samples in contact: root mean squares, n_joints each, N·m.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LearntTorques {
-    /// Of τ_ext − τ̂.
+    /// Of the residual τ_ext − τ̂.
     pub error_n_m: Vec<f64>,
-    /// Of τ_ext.
+    /// Of the measured torque τ_ext.
     pub torque_n_m: Vec<f64>,
 }
 
 impl LearntTorques {
-    /// Of samples: what is left of their torques, and these, n_joints each, N·m. `None` without any.
+    /// From samples, each with its residual and its measured torque, n_joints each, N·m. `None` without samples.
     pub fn of(samples: impl IntoIterator<Item = [Vec<f64>; 2]>) -> Option<Self> {
         let (mut sums, mut count): (Option<[Vec<f64>; 2]>, f64) = (None, 0.0);
         for sample in samples {
@@ -123,10 +127,10 @@ impl LearntTorques {
 }
 
 impl Calibration {
-    /// Bands as other objects have them, of a field that has learnt from some touches.
+    /// Bands with the factors found on other objects, for a field that has learnt from `touches` touches.
     ///
-    /// `untouched_std_n_per_m` is the standard deviation of the stiffness of cells that were never touched. `None` without a
-    /// touch, or if a number is not finite.
+    /// `untouched_std_n_per_m` is the standard deviation of the stiffness of cells that were never touched. `None` if
+    /// `touches` is 0 or a number is out of range.
     pub fn of_other_objects(
         learnt: &LearntTorques,
         touches: u32,
@@ -152,7 +156,7 @@ impl Calibration {
         (touches > 0 && bands.check(learnt.error_n_m.len()).is_ok()).then_some(bands)
     }
 
-    /// The highest level that has a band; 0 if none has.
+    /// The highest level with a band; 0 if there is no band.
     pub fn highest_level(&self) -> f64 {
         self.quantiles.last().map_or(0.0, |last| last.level)
     }
@@ -162,7 +166,7 @@ impl Calibration {
         self.highest_level().min(0.9)
     }
 
-    /// The factors of a level, interpolated; `None` below the lowest and above the highest.
+    /// The factors at a level, interpolated; `None` below the lowest and above the highest known level.
     pub fn at(&self, level: f64) -> Option<BandQuantiles> {
         self.quantiles.first().filter(|first| level >= first.level - 1e-9)?;
         let after = self.quantiles.iter().position(|known| known.level >= level - 1e-9)?;
@@ -182,17 +186,20 @@ impl Calibration {
         spring_variance(self.relative_std, stiffness_n_per_m, std_n_per_m.powi(2))
     }
 
-    /// s, n_joints, N·m, of `√ diag(H diag(σ²) Hᵀ)` and `√ diag(H diag(K²) Hᵀ)`, n_joints, N·m.
+    /// s, n_joints, N·m, from `torque_std` = `√ diag(H diag(σ²) Hᵀ)` and `torque_rss` = `√ diag(H diag(K²) Hᵀ)`,
+    /// n_joints, N·m.
     pub fn spread(&self, torque_std: &DVector<f64>, torque_rss: &DVector<f64>) -> DVector<f64> {
         torque_std.zip_map(torque_rss, |std, rss| std.hypot(self.relative_std * rss))
     }
 
-    /// Half-width of the band at a level, n_joints, N·m, of a predicted torque, s, n_joints, N·m, and how many points are
-    /// touched and how many of these are known. `None` without a band of that level.
+    /// Half-width of the band at a level, n_joints, N·m; `None` if there is no band at that level.
+    ///
+    /// `torque` is the predicted torque and `spread` is s, n_joints each, N·m; `contacts` has the number of touched
+    /// points, and how many of them are known.
     ///
     /// # Panics
     ///
-    /// If these are of another number of joints.
+    /// If the number of joints differs.
     pub fn half_width(
         &self,
         level: f64,
@@ -204,12 +211,12 @@ impl Calibration {
         Some(self.at(level)?.frame * self.shape(&scale))
     }
 
-    /// The same of the band that holds the largest torque of a touch, where the largest is predicted; nowhere narrower than
-    /// [`Calibration::half_width`].
+    /// Half-width of the band for the largest torque of a touch, n_joints, N·m, in the frame with the largest predicted
+    /// torque; arguments as for [`Calibration::half_width`], and never narrower than that.
     ///
     /// # Panics
     ///
-    /// If these are of another number of joints.
+    /// If the number of joints differs.
     pub fn peak_half_width(
         &self,
         level: f64,
@@ -221,16 +228,16 @@ impl Calibration {
         Some((q.peak * &scale).sup(&(q.frame * self.shape(&scale))))
     }
 
-    /// A [`scale`](Self::scale) to the power of g: what q multiplies for the torque of a joint in a frame.
+    /// A [`scale`](Self::scale) to the power of g: times q, the half-width for the torque of a joint in a frame.
     pub fn shape(&self, scale: &DVector<f64>) -> DVector<f64> {
         scale.map(|scale| scale.powf(self.exponent))
     }
 
-    /// `a + b |τ̂| + c s + d n`: n_joints, N·m, of what [`Calibration::half_width`] takes.
+    /// `a + b |τ̂| + c s + d n`, n_joints, N·m; arguments as for [`Calibration::half_width`].
     ///
     /// # Panics
     ///
-    /// If these are of another number of joints.
+    /// If the number of joints differs.
     pub fn scale(
         &self,
         torque: &[f64],
@@ -248,11 +255,11 @@ impl Calibration {
         DVector::from_iterator(torque.len(), scale)
     }
 
-    /// Checks that it is one of a robot with so many joints, and all its numbers are finite and not negative.
+    /// Checks that this is a calibration for `n_joints` joints, with all numbers in their ranges.
     ///
     /// # Errors
     ///
-    /// What is wrong, as a sentence.
+    /// A sentence that says what is wrong.
     pub fn check(&self, n_joints: usize) -> Result<(), String> {
         let found = self.floor_n_m.len();
         if found != n_joints {
@@ -278,7 +285,7 @@ impl Calibration {
         if let Some(number) = numbers.into_iter().find(|own| !(own.is_finite() && *own >= 0.0)) {
             return Err(format!("the bands hold {number}; wanted a number of at least 0"));
         }
-        // Squares that overflow would make bands that are too narrow.
+        // If the squares of these overflow, bands are too narrow.
         let squared = [self.relative_std, self.untouched_std_n_per_m];
         if let Some(number) = squared.into_iter().find(|own| *own > LARGEST) {
             return Err(format!("the bands hold {number}; wanted at most {LARGEST}"));
@@ -298,7 +305,7 @@ impl Calibration {
     }
 }
 
-/// [`Calibration::spring_variance`], by ρ and by the variance σ², (N/m)².
+/// [`Calibration::spring_variance`] from ρ, K and the variance σ², (N/m)².
 #[inline]
 pub fn spring_variance(relative_std: f64, stiffness_n_per_m: f64, variance: f64) -> f64 {
     variance + (relative_std * stiffness_n_per_m).powi(2)

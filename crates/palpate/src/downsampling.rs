@@ -1,39 +1,40 @@
-//! Which samples of a touch are learnt from: only as many as carry new information.
+//! Selects the samples of a touch that are learnt from, so that the logging rate has little influence.
 //!
-//! What the model leaves unexplained is many times the sensors' noise, and alike in samples that follow closely on each
-//! other: fifty samples in 50 ms say hardly more than one of them. Each counts as a measurement of its own, though,
-//! so that the same touch, logged fifty times as often, would outweigh the prior by fifty times as much, fill the memory
-//! and cost fifty times the work. So samples closer together than `LEAST_S` are predicted, and not learnt from. Where samples
-//! have no times, the mean displacement from sample to sample replaces them.
+//! The residual of the model is many times the noise of the sensors, and nearly equal in consecutive samples: fifty
+//! samples within 50 ms carry hardly more information than one of them. The estimator, however, takes samples as
+//! independent. The same touch, logged at fifty times the rate, would count fifty times as much against the prior, fill
+//! the memory and take fifty times the computation. So samples within `LEAST_S` of the last learnt one are predicted,
+//! but not learnt from. Samples without times are selected by the mean displacement from sample to sample instead.
 
 use std::f64::consts::TAU;
 
 use crate::tracker::Sample;
 
-/// The least time between samples that are learnt from, s: somewhat less than the period of the logs that the shipped
-/// settings were chosen on, 20 Hz. Of those all are learnt from, of 1 kHz one in 45.
+/// Least time between learnt samples, s: a little below the period of the logs (20 Hz) for which the default settings
+/// were chosen. Of these logs all samples are learnt, of logs at 1 kHz one in 45.
 const LEAST_S: f64 = 0.045;
 
-/// The same without times: least displacement of the fastest joint, rad (m). In those logs it is 2 to 9 mrad a sample.
+/// Least displacement of the fastest joint between learnt samples without times, rad (m). In those logs it is 2 to 9
+/// mrad per sample.
 const LEAST_RAD: f64 = 2e-3;
-/// A smaller step from sample to sample is the noise of an arm at rest.
+/// Displacement from sample to sample, rad (m), below which the arm counts as at rest.
 const MOVING_RAD: f64 = 1e-5;
 
-/// Takes samples of one touch that are far enough apart.
+/// Selects samples of one touch that are far enough apart.
 #[derive(Debug, Clone, Default)]
 pub struct Downsampling {
-    /// When the last one was, s.
+    /// Time of the last learnt sample, s.
     pub(crate) last_s: Option<f64>,
-    /// Samples since the last one that was learnt from, itself included; 0 before the first.
+    /// Number of samples since the last learnt one, including it; 0 before the first.
     since: u32,
-    /// Joint positions of the sample before, n_joints.
+    /// Joint positions of the previous sample, n_joints.
     previous_q: Vec<f64>,
-    /// Sum and number of the fastest joint's displacements from sample to sample, rad, while it moves.
+    /// Sum and number of the displacements of the fastest joint from sample to sample, rad, while it moves.
     steps: (f64, u32),
 }
 
 impl Downsampling {
-    /// Whether this sample is learnt from; the first after a clock went back is.
+    /// Whether to learn from this sample. The first sample after the clock went back is always learnt.
     pub fn takes(&mut self, sample: &Sample) -> bool {
         self.follow(&sample.q);
         let is_close = match (sample.time_s, self.last_s) {
@@ -81,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_learnt_hardly_depends_on_the_rate() {
+    fn the_number_of_learnt_samples_hardly_depends_on_the_rate() {
         // The worst are just above 22 Hz, where every other sample is left out.
         for rate_hz in [20, 25, 30, 40, 100, 125, 200, 500, 1000] {
             let times = (0..rate_hz).map(|sample| f64::from(sample) / f64::from(rate_hz));
@@ -92,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn without_times_the_way_of_the_joints_gives_the_rate() {
+    fn without_times_the_displacement_of_the_joints_replaces_the_time() {
         // Half a second at rest, one in which a joint turns by 0.07 rad past the end of its range, then at rest again.
         let q = |time_s: f64| {
             let q = 6.25 + 0.07 * (time_s - 0.5).clamp(0.0, 1.0);

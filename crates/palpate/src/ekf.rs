@@ -7,14 +7,14 @@
 //! | Eq. 5  | `τ = Σ wᵢ abs(κᵢ)` + noise                       | N·m      |
 //! | Eq. 6  | `H = ∂τ/∂κ`, column i is `wᵢ sgn(κᵢ)`            | m²       |
 //!
-//! The covariance is diagonal. After each new measurement, past ones (H, τ) drawn at random are
-//! fused again by the same Kalman update, so that the filter does not forget them; H is stored
-//! without the sign and signed when replayed. Drift is lazy: a cell remembers the step at which
-//! it was last seen and adds what it missed, so that a step costs what it touches.
+//! The covariance is diagonal. After each new measurement, past ones (H, τ) drawn at random are fused again by the same
+//! Kalman update, so that the filter does not forget them; H is stored without the sign and signed when replayed. Drift
+//! is added lazily: each cell stores the step of its last update, and its variance gets the drift since then when it is
+//! touched again. So a step costs only as much as the cells that it touches.
 //!
-//! sgn 0 is taken as +1; even so a prior mean of exactly zero is refused, because the slope of |κ| is
-//! undefined there and the paper's filter never leaves it. For the same reason a cell whose own prior mean
-//! ([`Estimator::set_prior_means`]) is below that of the settings starts from the latter.
+//! sgn 0 is taken as +1; even so a prior mean of exactly zero is refused, because the slope of |κ| is undefined there
+//! and the paper's filter never leaves it. For the same reason a cell whose own prior mean
+//! ([`Estimator::set_prior_means`]) is below the prior mean of the settings starts from that of the settings.
 
 use nalgebra::DVector;
 
@@ -30,9 +30,9 @@ use crate::torque::{Observation, Stiffness};
 ///
 /// # What the standard deviation means
 ///
-/// The filter's own: of κ, given a diagonal covariance. It leaves out correlations between
-/// cells, and since replaying a measurement counts its data again, it is too small by an amount
-/// that grows with the number of replays.
+/// It is the standard deviation of κ in the filter, with a diagonal covariance. Correlations between cells are
+/// neglected, and each replay counts the data of a measurement again. So it is too small, and the more so, the more
+/// replays are made.
 #[derive(Debug, Clone)]
 pub struct EkfEstimator {
     filter: Filter,
@@ -47,7 +47,7 @@ struct Filter {
     belief: Belief,
     /// Variance of the drift ε of Eq. 4 per step, (N/m)².
     drift_variance: f64,
-    /// The step up to which each row's variance holds its drift.
+    /// The step up to which the variance includes the drift, by row.
     seen: Vec<u64>,
 }
 
@@ -58,13 +58,13 @@ impl Filter {
         self.belief.variance(row) + self.drift_variance * (self.belief.step - seen) as f64
     }
 
-    /// Gives new rows the prior; `points_m` are the rest points of all rows, world frame.
+    /// Adds new rows with the prior; `points_m` are the rest points of all rows, world frame.
     fn grow(&mut self, points_m: &[[f64; 3]]) {
         self.belief.grow(points_m);
         self.seen.resize(self.belief.cells.len(), 0);
     }
 
-    /// The Kalman update of Eqs. 5 and 6; returns what was predicted before it.
+    /// The Kalman update of Eqs. 5 and 6; returns the prediction before it, n_joints, N·m.
     ///
     /// Nothing changes unless the innovation covariance can be inverted.
     fn update(&mut self, observation: &Observation) -> Result<DVector<f64>, EstimatorError> {
@@ -89,7 +89,7 @@ impl Filter {
 }
 
 impl EkfEstimator {
-    /// A belief at its prior, for cells of the given spacing and a robot of `n_joints`.
+    /// An estimator with the prior for all cells, which have this spacing, and a robot of `n_joints`.
     ///
     /// # Errors
     ///
@@ -103,7 +103,7 @@ impl EkfEstimator {
         if config.prior.mean_n_per_m == 0.0 {
             return Err(EstimatorError::EkfPriorMeanZero);
         }
-        // Drift, like the prior, is white noise in space: its variance goes with h³.
+        // Drift, like the prior, is white noise in space: its variance is proportional to h³.
         let (_, prior_std) = config.prior.at_spacing(spacing_m);
         let drift_std = config.drift_std_n_per_m * prior_std / config.prior.std_n_per_m;
         let filter = Filter { belief, drift_variance: drift_std * drift_std, seen: Vec::new() };
@@ -111,7 +111,7 @@ impl EkfEstimator {
         Ok(Self { filter, memory })
     }
 
-    /// Remembers a frame; what no longer fits leaves.
+    /// Adds a frame to the memory; frames that no longer fit are removed.
     fn remember(&mut self, frame: Observation, id: FrameId) {
         let bytes = frame.bytes() + size_of::<(Observation, FrameId)>();
         self.memory.push(frame, id, bytes, 0.0);

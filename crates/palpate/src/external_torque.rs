@@ -1,7 +1,7 @@
-//! External torque: what the robot logs, with the sign of τ_ext and without gravity.
+//! External torque: the logged torque with the sign of τ_ext, without gravity.
 //!
-//! `τ_ext = ± τ_measured − τ_gravity(q) − tare`. This module does all but the tare, which is
-//! [`crate::tare`]'s. Friction and inertia of the arm are not modelled.
+//! `τ_ext = ± τ_measured − τ_gravity(q) − tare`. The tare is subtracted by [`crate::tare`]. Friction and inertia of the
+//! arm are not modelled.
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
@@ -10,43 +10,44 @@ use crate::robot::{Poses, Robot};
 use crate::tare::Tare;
 use crate::tracker::TrackerError;
 
-/// Which way the logged torques count.
+/// Sign convention of the logged torques.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TorqueSign {
-    /// What the environment and gravity exert on the joints (Kinova's sensors).
+    /// Torque that the environment and gravity exert on the joints (Kinova's sensors).
     #[default]
     Plus,
-    /// What the motors exert: the opposite.
+    /// Torque that the motors exert: the opposite sign.
     Minus,
 }
 
-/// Whether the logged torques hold gravity.
+/// Whether the logged torques include gravity.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Gravity {
-    /// They do; the robot's masses say how much.
+    /// Included; it is computed from the robot's masses and subtracted.
     #[default]
     Included,
-    /// The robot has already taken it out (Franka's external torques).
+    /// The robot has already subtracted it (Franka's external torques).
     Removed,
 }
 
-/// How raw torques become external ones.
+/// How logged torques are converted to external torques.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[non_exhaustive]
 pub struct ExternalTorqueConfig {
     /// Sign of the logged torques.
     pub torque_sign: TorqueSign,
-    /// Whether they hold gravity.
+    /// Whether the logged torques include gravity.
     pub gravity: Gravity,
-    /// The torques are external ones, made with the model of an arm that was identified ([`crate::TorqueModel`]).
+    /// Whether the torques are external torques already, computed with the model of an identified arm
+    /// ([`crate::TorqueModel`]).
     pub identified: bool,
-    /// Where the tare comes from.
+    /// Which frames give the tare.
     pub tare: Tare,
-    /// The farthest a joint may be from where the touch began and still stand still, rad (m for a
-    /// prismatic joint).
+    /// The arm counts as standing still while no joint is farther than this from its position at the start of the
+    /// touch, rad (m for a prismatic joint).
     pub still_rad: f64,
 }
 
@@ -63,12 +64,11 @@ impl Default for ExternalTorqueConfig {
 }
 
 impl ExternalTorqueConfig {
-    /// Measured torque with the sign of τ_ext, less gravity at these poses and with its bias,
-    /// n_joints, N·m.
+    /// Measured torque with the sign of τ_ext, minus gravity at these poses but not minus the tare, n_joints, N·m.
     ///
     /// # Errors
     ///
-    /// If there is not one torque a joint, or one is no number of N·m.
+    /// If there is not one torque for each joint, or a torque is NaN or larger than [`MAX_TORQUE`].
     pub fn untared(
         &self,
         robot: &Robot,
@@ -96,5 +96,5 @@ impl ExternalTorqueConfig {
     }
 }
 
-/// Torques from here on are broken sensors, N·m.
+/// Larger torques are taken for faults of the sensor and refused, N·m.
 pub const MAX_TORQUE: f64 = 1e6;

@@ -1,8 +1,8 @@
-//! A learnt field, and what it says of a motion.
+//! A learnt field, and predictions of the torque of a motion from it.
 //!
-//! [`Field`] is the product of mapping: K of every cell that was touched or has a prior of its own, with
-//! the settings under which it was learnt. [`Predictor`] computes what torque a motion meets (Eq. 5),
-//! with the same contacts, gravity and tare as the mapper, and learns nothing.
+//! [`Field`] is the result of mapping: K of every cell that was touched or has its own prior mean, with the settings
+//! under which it was learnt. [`Predictor`] computes the torque of a motion (Eq. 5), with the same contacts, gravity
+//! and tare as the mapper, without learning.
 
 use std::sync::Arc;
 
@@ -21,38 +21,38 @@ use crate::tare::Tare;
 use crate::torque::{Cell, Observation, ObservationBuilder, Stiffness};
 use crate::tracker::{Sample, Tracker, TrackerError};
 
-/// The stiffness of all cells that were touched or have a prior of their own, by row.
+/// The stiffness of all cells that were touched or have their own prior mean, by row.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Field {
-    /// The box that the cells belong to.
+    /// The lattice of the cells.
     pub lattice: Lattice,
     /// The contact model under which the stiffness was learnt.
     pub contact: ContactConfig,
-    /// Gravity and tare of the logs that it was learnt from.
+    /// Sign, gravity and tare of the logs from which the field was learnt.
     pub touch: ExternalTorqueConfig,
-    /// The cells: those of a prior by cell in the lattice's order, then the others in the order of
-    /// their first touch.
+    /// The cells: first those with their own prior mean, in the lattice's order, then the others in the order of first
+    /// touch.
     pub cells: Vec<CellId>,
-    /// K, N/m.
+    /// K by row, N/m.
     pub stiffness_n_per_m: Vec<f64>,
     /// Standard deviation of K, N/m; what it means depends on the estimator, see
     /// [`crate::unstable::MapEstimator`] and [`crate::unstable::EkfEstimator`].
     pub std_n_per_m: Vec<f64>,
-    /// Frames that touched the cell; 0 if its stiffness is its prior mean.
+    /// Number of frames that touched the cell; with 0, its stiffness is its prior mean.
     pub counts: Vec<u32>,
     /// K of all other cells, N/m.
     pub untouched_n_per_m: f64,
-    /// The object as an elastic body, if one was learnt. Predictions then are those of the body and of
-    /// springs beside it ([`ElasticModel::spring_n_per_m`]).
+    /// The object as an elastic body, if one was learnt. The prediction is then the torque of the body plus that of
+    /// springs with the stiffness [`ElasticModel::spring_n_per_m`].
     pub elastic: Option<Arc<ElasticModel>>,
-    /// How wide bands around predicted torques are, if touches were held out to find it. Of the springs
-    /// alone: predictions with an elastic body have no bands.
+    /// Calibration of the prediction bands, if there is one. It is for springs alone: predictions with an elastic body
+    /// have no bands.
     pub calibration: Option<Calibration>,
 }
 
 impl Field {
-    /// A field of which no cell is known: all have a stiffness of `untouched_n_per_m`, N/m.
+    /// A field without known cells: all have a stiffness of `untouched_n_per_m`, N/m.
     pub fn new(
         lattice: Lattice,
         contact: ContactConfig,
@@ -73,15 +73,15 @@ impl Field {
         }
     }
 
-    /// The rows of the cells that were touched, not only expected.
+    /// The rows of the touched cells, without those that have only a prior mean.
     pub fn touched_rows(&self) -> impl Iterator<Item = usize> + '_ {
         (0..self.cells.len()).filter(|&row| self.counts[row] > 0)
     }
 
-    /// What is known of the cell at each place, m, world frame: `None` outside the lattice.
+    /// The estimate of the nearest cell to each place (m, world frame); `None` outside the lattice.
     ///
-    /// `untouched_std_n_per_m` is the standard deviation of cells that the field does not know.
-    /// Cost: one pass over the field, then a look-up a place.
+    /// `untouched_std_n_per_m` is the standard deviation of cells that are not in the field. Cost: one pass over the
+    /// field, then one look-up for each place.
     pub fn at(
         &self,
         places_m: &[[f64; 3]],
@@ -95,7 +95,8 @@ impl Field {
         places_m.iter().map(at).collect()
     }
 
-    /// What is known of the cell of a row, or of one that the field does not know, with that standard deviation, N/m.
+    /// The estimate of a row, or without a row that of a cell that is not in the field, with standard deviation
+    /// `untouched_std_n_per_m`.
     ///
     /// # Panics
     ///
@@ -116,13 +117,13 @@ impl Field {
     }
 }
 
-/// What the field says of one sample.
+/// Prediction for one sample.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Prediction {
-    /// Points touched.
+    /// Number of touched points.
     pub contacts: usize,
-    /// Those of them that were touched when the field was learnt, rather than known by their prior alone.
+    /// Number of these points that were touched when the field was learnt.
     pub known: usize,
     /// τ̂, n_joints, N·m.
     pub predicted: DVector<f64>,
@@ -132,20 +133,20 @@ pub struct Prediction {
     pub external: DVector<f64>,
 }
 
-/// The springs that a [`Predictor`] sums up, by row: first those of a field, then those met since.
+/// The springs of a [`Predictor`], by row: first the cells of the field, then others in the order of first touch.
 #[derive(Debug)]
 struct FieldSprings {
     observations: ObservationBuilder,
     cells: Vec<Cell>,
-    /// Frames that touched the cells of the field.
+    /// Number of frames that touched each cell of the field.
     counts: Vec<u32>,
     untouched_n_per_m: f64,
-    /// [`Calibration::spring_variance`] of the cells of the field, and of all others, if it is calibrated.
+    /// [`Calibration::spring_variance`] of each cell of the field, and of all other cells, if the field is calibrated.
     variances: Option<(Vec<f64>, f64)>,
 }
 
 impl FieldSprings {
-    /// The springs that a field predicts with: beside its body, if it has one.
+    /// The springs with which a field predicts; with an elastic body, those beside the body.
     fn of(field: &Field) -> Self {
         let mut rows = CellRows::of(field.lattice.clone(), &field.cells);
         let mut stiffness_n_per_m = field.stiffness_n_per_m.clone();
@@ -161,7 +162,7 @@ impl FieldSprings {
         let points_and_k = rows.points_m().iter().zip(stiffness_n_per_m);
         let cells = points_and_k.map(|(&point, k)| Cell::new(point, k)).collect();
         let (observations, counts) = (ObservationBuilder::new(rows), field.counts.clone());
-        // Bands are of the springs alone, not of springs beside a body.
+        // Bands are calibrated for springs alone, not for springs beside a body.
         let calibration = field.calibration.as_ref().filter(|_| field.elastic.is_none());
         let variances = calibration.map(|calibration| {
             let variance =
@@ -187,7 +188,7 @@ impl FieldSprings {
         observation
     }
 
-    /// τ̂ of an observation that was built here, n_joints, N·m.
+    /// τ̂ of an observation from [`Self::build`], n_joints, N·m.
     fn predict(&self, observation: &Observation) -> DVector<f64> {
         observation.predict(&self.cells, Stiffness::Positive)
     }
@@ -205,7 +206,7 @@ impl FieldSprings {
     }
 }
 
-/// Predicts the torque of motions from a field that stays as it is.
+/// Predicts the torque of motions from a field, without changing it.
 pub struct Predictor {
     tracker: Tracker,
     springs: FieldSprings,
@@ -213,9 +214,9 @@ pub struct Predictor {
 }
 
 impl Predictor {
-    /// A predictor for an arm, which need not be the one that learnt the field.
+    /// A predictor for an arm, which may be another than the one that the field was learnt with.
     ///
-    /// `touch` says how this arm's torques are logged.
+    /// `touch` describes how the torques of this arm are logged.
     ///
     /// # Errors
     ///
@@ -231,8 +232,8 @@ impl Predictor {
         Ok(Self { tracker, springs, elastic })
     }
 
-    /// A predictor of motions that are only planned: nothing was measured, so there is neither
-    /// gravity nor tare to take off, and no point to wait for it.
+    /// A predictor of planned motions. Without measured torques there is neither gravity nor tare to subtract, so
+    /// predictions start with the first sample.
     ///
     /// # Errors
     ///
@@ -275,17 +276,17 @@ impl Predictor {
     ///
     /// # Errors
     ///
-    /// If the touch was shorter than the tare frames asked for.
+    /// If the touch has fewer frames than were requested for the tare.
     pub fn end_touch(&mut self) -> Result<(), TrackerError> {
         self.tracker.end_touch()
     }
 
-    /// What the arm displaced in the last sample, for whoever draws it.
+    /// The contacts of the last sample, for drawing.
     pub fn contacts(&self) -> Contacts {
         self.tracker.contacts()
     }
 
-    /// The most likely elastic body as the last sample bent it, if the field has one.
+    /// The elastic body with the largest weight, bent as in the last sample, if the field has one.
     pub fn body(&self) -> Option<&Equilibrium> {
         self.elastic.as_ref()?.body()
     }

@@ -5,8 +5,8 @@
 //!
 //! # Quick start
 //!
-//! A hinge carries a rod of 40 cm, which turns into an object. The mapper learns a field of springs from
-//! the joint's positions and torques; the field then predicts the torque of another motion.
+//! A rod of 40 cm turns on a hinge and pushes into an object. The mapper learns a field of springs from the joint's
+//! positions and torques; the field then predicts the torque of another motion.
 //!
 //! ```
 //! use std::sync::Arc;
@@ -21,7 +21,7 @@
 //!        <joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/>
 //!        <axis xyz="0 0 1"/></joint></robot>"#,
 //! )?;
-//! // Signed distances of the links' shapes; palpate-io loads robots with meshes, and caches this.
+//! // Signed distances of the links' shapes; palpate-io loads robots with meshes and caches them.
 //! let no_mesh = |mesh: &str| Err(format!("found no mesh {mesh}").into());
 //! let (arm, _) = Arm::bake(robot, &BakeConfig::default(), no_mesh)?;
 //!
@@ -38,7 +38,7 @@
 //! }
 //! mapper.end_touch()?;
 //!
-//! // What torque will the same push meet?
+//! // Predict the torque of the same push.
 //! let path: Vec<[f64; 1]> = (0..=25).map(|step| [0.01 * f64::from(step)]).collect();
 //! let prediction = mapper.path_predictor().ask(&path, &PathConfig::default())?;
 //! let end = &prediction.points[25];
@@ -46,28 +46,27 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! # What there is
+//! # Overview
 //!
 //! | to                        | use                                                                |
 //! |---------------------------|--------------------------------------------------------------------|
-//! | describe the robot        | [`Robot`], with a [`Payload`]; [`Arm`] adds its links' distances, baked by a [`BakeConfig`]; [`RobotError`], [`ArmError`] |
+//! | describe the robot        | [`Robot`], with a [`Payload`]; [`Arm`] adds the signed distances of its links, baked with a [`BakeConfig`]; [`RobotError`], [`ArmError`] |
 //! | place the field           | [`Lattice`] of cells ([`CellId`]); [`LatticeError`]                |
 //! | set the contact model     | [`ContactConfig`]                                                  |
-//! | say what logged torques are | [`ExternalTorqueConfig`]: [`TorqueSign`], [`Gravity`], [`Tare`]  |
-//! | know the arm's own torque   | [`TorqueModel`] of [`JointModel`]s with [`JointFriction`], [`Ripple`] and [`TorqueNoise`]: [`external_torques`] of a log, an [`ExternalTorque`] a sample, or a [`TorqueStream`]; contacts where [`ExternalTorque::statistic`] passes the threshold of an [`Alarm`] |
+//! | set the convention of the logged torques | [`ExternalTorqueConfig`]: [`TorqueSign`], [`Gravity`], [`Tare`]  |
+//! | subtract the arm's own torque | [`TorqueModel`] of [`JointModel`]s with [`JointFriction`], [`Ripple`] and [`TorqueNoise`]: [`external_torques`] gives an [`ExternalTorque`] for each sample of a log, a [`TorqueStream`] for one sample after the other; a contact is detected where [`ExternalTorque::statistic`] exceeds the threshold of an [`Alarm`] |
 //! | choose the estimator      | [`EstimatorKind`] with an [`EstimatorConfig`]: [`Prior`], [`MemoryLimits`] |
-//! | learn from samples        | [`Mapper`] with a [`MapperConfig`] and a [`ReplayPolicy`]; [`Sample`] in, [`StepReport`] out, [`Snapshot`] to go on later; [`MapperError`], [`TrackerError`], [`EstimatorError`], [`SettingError`] |
-//! | know how sure a prediction is | [`Calibration`] of a [`Field`], with [`BandQuantiles`]        |
-//! | look at the result        | [`Field`], a [`CellEstimate`] for each cell; [`Contacts`] now      |
+//! | learn from samples        | [`Mapper`] with a [`MapperConfig`] and a [`ReplayPolicy`]; [`Sample`] in, [`StepReport`] out, [`Snapshot`] to save and continue; [`MapperError`], [`TrackerError`], [`EstimatorError`], [`SettingError`] |
+//! | get prediction bands      | [`Calibration`] of a [`Field`], with [`BandQuantiles`]        |
+//! | read the result           | [`Field`], a [`CellEstimate`] for each cell; the present [`Contacts`] |
 //! | predict logged motions    | [`Predictor`], a [`Prediction`] for each sample                    |
 //! | predict planned motions   | [`PathPredictor`] with a [`PathConfig`]: a [`PathPrediction`] of [`PathPoint`]s; [`PathError`] |
 //!
-//! [`unstable`] has what palpate's own crates build on: contact simulators, observations, estimators
-//! by themselves. It may change in any release, and so may fields and arguments of the types above whose
-//! own types are only there.
+//! [`unstable`] exports what the other crates of palpate use: contact simulators, observations, estimators. It may
+//! change in any release, and so may fields and arguments of the types above whose own types are exported only there.
 //!
-//! No file, socket or clock is opened here, nothing is printed, and the same samples, settings and seed
-//! give the same field, on one thread or many.
+//! This crate opens no file, socket or clock and prints nothing. The same samples, settings and seed give the same
+//! field on any number of threads.
 #![forbid(unsafe_code)]
 
 mod arm;
@@ -118,7 +117,7 @@ pub use torque_model::{
 };
 pub use tracker::{Sample, TrackerError};
 
-/// What palpate's own crates build on: not stable, any of it may change or go in any release.
+/// Items for the other crates of palpate. Not stable: any of them may change or be removed in any release.
 pub mod unstable {
     pub use crate::arm::{LinkReport, MeshResult, solid};
     pub use crate::calibration::spring_variance;

@@ -8,29 +8,29 @@
 //! z = m₀ + S₀ Σₜ Hₜᵀ αₜ,   K = max(z, 0),   R αₜ = τₜ − Hₜ K   for every t,
 //! ```
 //!
-//! so every frame keeps a multiplier αₜ, one number a joint, and a *visit* of frame j solves its
-//! own condition as if no cell changed sign:
+//! Every frame keeps a multiplier αₜ (n_joints), and a *visit* of frame j solves the condition of this frame, assuming
+//! that no cell changes sign:
 //!
 //! ```text
 //! r = τⱼ − HⱼK − R αⱼ;   d = (HⱼS₀Hⱼᵀ + R)⁻¹ r;   αⱼ += d;   z += S₀Hⱼᵀ d.
 //! ```
 //!
-//! That matrix bounds the true curvature, so a visit never moves away from the optimum, and
-//! repeating one never counts its data twice: α holds what was already said. A frame is
-//! forgotten exactly by taking S₀Hⱼᵀαⱼ back. When memory is full a frame is *condensed*: it leaves
-//! and its share of z stays. z is kept in `f64`, where the rounding of millions of visits stays
-//! far below a millionth of a newton per metre; a test holds it to that.
+//! The inverted matrix is an upper bound of the true curvature, so a visit never moves away from the optimum. A
+//! repeated visit does not count the data twice, since α includes the effect of earlier visits. A frame is forgotten
+//! exactly by subtracting S₀Hⱼᵀαⱼ from z. When memory is full, a frame is *condensed*: it is removed and its
+//! contribution to z stays. z is kept in `f64`: the rounding errors of millions of visits are far below 1e-6 N/m, which
+//! a test checks.
 //!
-//! Where K is shown or predicted with, it is multiplied by [`EstimatorConfig::stiffness_scale`]; z does not
+//! K is multiplied by [`EstimatorConfig::stiffness_scale`] where it is returned or used in predictions; z does not
 //! depend on that factor.
 //!
 //! m₀ may differ from cell to cell ([`Estimator::set_prior_means`]): z starts there, and no visit uses m₀
 //! again.
 //!
-//! Frames are drawn at random and, every other time, as the one of several random frames whose
-//! normalised innovation squared (NIS), `r·d = rᵀ(HS₀Hᵀ + R)⁻¹r`, was largest at its last visit. On the
-//! bundled touches this leaves a quarter of the NIS that random draws alone leave after the same number
-//! of visits; the optimum is the same.
+//! Frames are drawn at random. Every other draw takes several random frames and keeps the one whose normalised
+//! innovation squared (NIS), `r·d = rᵀ(HS₀Hᵀ + R)⁻¹r`, was largest at its last visit. On the bundled touches the NIS
+//! that remains is then a quarter of that with random draws alone, after the same number of visits; the optimum is the
+//! same.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -42,22 +42,21 @@ use crate::estimator::{
 use crate::replay::ReplayMemory;
 use crate::torque::{Observation, Prefetch, Stiffness};
 
-/// Of so many random frames the one of the largest NIS is visited.
+/// Number of random frames of which the one with the largest NIS is visited.
 const TRIES: u32 = 8;
 
 /// The maximum a posteriori estimator, `map`.
 ///
 /// # What the standard deviation means
 ///
-/// The variance of a cell starts from the prior and is reduced by each *new* frame, once, as a
-/// Kalman filter with a diagonal covariance would; replays do not touch it. It says how much
-/// evidence there is about a cell. It leaves out the correlation between cells that the same
-/// link presses together, counts neighbouring frames of a slow motion as independent, ignores
-/// the bound K ≥ 0, and knows nothing of errors of the contact model: take it as a ranking of
-/// what is known well and what is not, and as a lower bound on the error.
+/// The variance of a cell starts from the prior and is reduced by each *new* frame, once, as a Kalman filter with a
+/// diagonal covariance would; replays do not change it. It measures how much evidence there is about a cell. It
+/// neglects the correlation between cells that the same link presses together, takes neighbouring frames of a slow
+/// motion as independent, ignores the bound K ≥ 0, and does not include errors of the contact model. Use it to rank
+/// cells by how well they are known, and as a lower bound on the error.
 ///
-/// Every remembered frame carries two notes: αₜ (n_joints), then `(HₜS₀Hₜᵀ + R)⁻¹` column by column
-/// (n × n).
+/// Every remembered frame stores two notes: αₜ (n_joints), then `(HₜS₀Hₜᵀ + R)⁻¹` column by column (n_joints ×
+/// n_joints).
 #[derive(Debug, Clone)]
 pub struct MapEstimator {
     /// The unknown of a cell is its z.
@@ -72,7 +71,7 @@ fn alpha(frame: &Observation) -> &[f64] {
 }
 
 impl MapEstimator {
-    /// A belief at its prior, for cells of the given spacing and a robot of `n_joints`.
+    /// An estimator with the prior for all cells, which have this spacing, and a robot of `n_joints`.
     ///
     /// # Errors
     ///
@@ -87,10 +86,10 @@ impl MapEstimator {
         Ok(Self { belief, stiffness_scale: config.stiffness_scale, memory })
     }
 
-    /// Takes back all that was learnt from a remembered frame, as if it had never been measured.
+    /// Removes a remembered frame and its contribution to the stiffness.
     ///
-    /// The stiffness then is what it would be once the other frames are visited again. The
-    /// frame's effect on the standard deviation and on the counts stays.
+    /// Once the other frames are visited again, the stiffness is as if the frame had never been measured. The frame's
+    /// effect on the standard deviation and on the counts stays.
     ///
     /// Returns whether the frame was remembered.
     pub fn forget(&mut self, id: FrameId) -> bool {
@@ -118,12 +117,12 @@ impl MapEstimator {
         self.belief.innovation_inverse(observation, |_| self.belief.prior_variance)
     }
 
-    /// Draws the frame of a visit: in turns at random, so that every frame comes back, and by NIS.
+    /// Draws the frame of a visit: at random for even `visit`, so that every frame is visited again, else by NIS.
     fn draw(&mut self, visit: u32) -> Option<usize> {
         self.memory.draw_best(if visit.is_multiple_of(2) { 1 } else { TRIES })
     }
 
-    /// Remembers a frame with its notes and its NIS; frames that leave for it are condensed.
+    /// Adds a frame with its notes and its NIS to the memory; frames removed to make room are condensed.
     fn remember(
         &mut self,
         mut frame: Observation,
@@ -154,7 +153,7 @@ fn residual(belief: &Belief, frame: &Observation, prefetch: &mut Prefetch<'_>) -
     residual
 }
 
-/// Visits a frame: solves its own condition. Returns its NIS, r·d; prefetches the next frame meanwhile.
+/// Visits a frame: solves its optimality condition and returns its NIS, r·d. Prefetches the next frame meanwhile.
 fn visit(belief: &mut Belief, frame: &mut Observation, mut prefetch: Prefetch<'_>) -> f64 {
     let residual = residual(belief, frame, &mut prefetch);
     let n_joints = residual.len();
@@ -189,7 +188,7 @@ impl Estimator for MapEstimator {
     }
 
     fn set_prior_means(&mut self, points_m: &[[f64; 3]], mean_n_per_m: &[f64]) {
-        // They are of stiffness as it is shown, z is not.
+        // The given means include the stiffness scale, z does not.
         let unscaled: Vec<f64> = match self.stiffness_scale > 0.0 {
             true => mean_n_per_m.iter().map(|mean| mean / self.stiffness_scale).collect(),
             false => mean_n_per_m.to_vec(),

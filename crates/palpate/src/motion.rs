@@ -1,8 +1,8 @@
-//! The arm on its way from one joint position to the next, and what it touches there.
+//! Motion of the arm from one joint position to the next, and its contacts on the way.
 //!
-//! Whoever needs the contacts of a motion comes here, and whoever only thinks of one cuts it into
-//! sub-steps as this does: so the same motion always has the same contacts. Long motions are cut
-//! into sub-steps, short enough that nothing tunnels. The module knows no torque.
+//! Long motions are cut into sub-steps, short enough that no cell is passed over. Logged and
+//! planned motions are cut in the same way, so the same motion always has the same contacts. The
+//! module does not use torques.
 
 use std::sync::Arc;
 
@@ -14,23 +14,24 @@ use crate::lattice::Lattice;
 use crate::robot::{Poses, Robot, RobotError};
 use crate::setting::SettingError;
 
-/// The farthest that a joint turns (rad) or slides (m) in a piece of a motion whose ends are
-/// compared to count its sub-steps: short enough for chord and arc to differ by a millimetre.
+/// Largest joint motion, rad or m, in one *piece* of a motion. The sub-steps of a piece are counted
+/// from the distance between its two ends: the piece is so short that chord and arc differ by about
+/// a millimetre.
 const PIECE: f64 = 0.1;
 
-/// Motions of more pieces than this are refused: no arm goes two turns, or twelve metres, from one
-/// sample to the next.
+/// Motions of more pieces than this are refused: no arm moves by two turns, or twelve metres, from
+/// one sample to the next.
 const MAX_PIECES: f64 = 126.0;
 
-/// Pieces of more sub-steps than this are refused.
+/// Motions with more sub-steps than this in one piece are refused.
 const MAX_SUBSTEPS: f64 = 1000.0;
 
-/// Why the arm cannot be followed.
+/// Why a motion cannot be simulated.
 #[derive(Debug)]
 pub(crate) enum MotionError {
-    /// Joint positions that the robot cannot take.
+    /// Invalid joint positions.
     Robot(RobotError),
-    /// A motion too long to be one.
+    /// A motion that is too long for two consecutive samples.
     Jump { joint: String, from: f64, to: f64 },
 }
 
@@ -40,23 +41,23 @@ impl From<RobotError> for MotionError {
     }
 }
 
-/// Where the arm is, as joint positions and the links' poses there.
+/// Joint positions (n_joints) and the poses of the links there.
 pub(crate) type Waypoint<'a> = (&'a [f64], &'a [Isometry3<f64>]);
 
 /// Cuts the arm's motions into sub-steps.
 #[derive(Debug, Clone)]
 pub(crate) struct Substeps {
     arm: Arc<Arm>,
-    /// The farthest that a point of the arm goes in one, m.
+    /// Largest motion of a point of the arm in one sub-step, m.
     substep_m: f64,
 }
 
-/// Takes the arm along its way.
+/// Moves the arm and keeps its contacts.
 #[derive(Debug, Clone)]
 pub(crate) struct MotionSimulator {
     substeps: Substeps,
     simulator: ContactSimulator,
-    /// Where the arm is; `None` before the first position of a touch.
+    /// Present joint positions; `None` before the first position of a touch.
     q: Option<Vec<f64>>,
 }
 
@@ -79,24 +80,24 @@ impl MotionSimulator {
         &self.substeps
     }
 
-    /// What the arm displaces where it is.
+    /// The contacts at the present position.
     pub(crate) fn contacts(&self) -> Contacts {
         self.simulator.contacts()
     }
 
-    /// Joint positions where the arm is, n_joints, and what it holds there; `None` before the first
-    /// position of a touch.
+    /// Present joint positions, n_joints, and contacts; `None` before the first position of a
+    /// touch.
     pub(crate) fn current_state(&self) -> Option<(Vec<f64>, ContactState)> {
         Some((self.q.clone()?, self.simulator.state().clone()))
     }
 
-    /// Forgets where the arm is and what it touches: the next position starts a touch.
+    /// Forgets the position of the arm and its contacts: the next position starts a touch.
     pub(crate) fn begin_touch(&mut self) {
         self.q = None;
     }
 
-    /// Takes the arm to joint positions `q`, where its links have these poses, and returns what it
-    /// displaces there. After an error the arm is where it was.
+    /// Moves the arm to joint positions `q`, where its links have these poses, and returns the
+    /// contacts there. After an error the state is unchanged.
     pub(crate) fn go(&mut self, q: &[f64], poses: &Poses) -> Result<Contacts, MotionError> {
         if let Some(from) = &self.q {
             let (from, to) = ((&from[..], self.simulator.poses()), (q, &poses.world_from_link[..]));
@@ -116,17 +117,17 @@ impl Substeps {
         &self.arm.robot
     }
 
-    /// The farthest that a point of the arm goes in a sub-step, m.
+    /// Largest motion of a point of the arm in a sub-step, m.
     pub(crate) fn substep_m(&self) -> f64 {
         self.substep_m
     }
 
-    /// How far a point of the arm goes from one waypoint to another as the crow flies, m.
+    /// Largest straight-line distance that a point of the arm moves between two waypoints, m.
     pub(crate) fn chord_length_m(&self, from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> f64 {
         contact::travel_m(&self.arm.surfaces, from, to)
     }
 
-    /// How far the fastest point of the arm goes from one waypoint to another, m.
+    /// Path length of the fastest point of the arm between two waypoints, m.
     pub(crate) fn path_length_m(
         &self,
         from: Waypoint<'_>,
@@ -141,8 +142,7 @@ impl Substeps {
         Ok(path_length_m)
     }
 
-    /// The poses between one waypoint and another, without the ends, close enough that nothing
-    /// tunnels.
+    /// Poses between two waypoints, without the ends, so close that no cell is passed over.
     pub(crate) fn between(
         &self,
         from: Waypoint<'_>,
@@ -163,12 +163,12 @@ impl Substeps {
             between.push(piece_end);
             Ok(())
         })?;
-        between.pop(); // the end of the last piece is where the motion ends
+        between.pop(); // the last pose is the end of the motion
         Ok(between)
     }
 
-    /// Cuts a motion into pieces short enough to compare their ends: `take` gets the number of a
-    /// piece and how many there are, and the poses at its end.
+    /// Cuts a motion into pieces of at most [`PIECE`]: `take` gets the number of a piece and the
+    /// number of all pieces, and the poses at its end.
     fn pieces(
         &self,
         from: &[f64],
@@ -191,7 +191,7 @@ impl Substeps {
         Ok(())
     }
 
-    /// The links' poses a part (0 to 1) of the way.
+    /// Poses of the links at a fraction (0 to 1) of the motion.
     fn poses_at(
         &self,
         from: &[f64],
@@ -202,7 +202,7 @@ impl Substeps {
         Ok(robot.forward(&robot.interpolate(from, to, part))?.world_from_link)
     }
 
-    /// The joint that goes farthest, and from where to where.
+    /// The error for a motion that is too long, with the joint that moves farthest.
     fn jump(&self, from: &[f64], to: &[f64]) -> MotionError {
         let robot = &self.arm.robot;
         let way = robot.difference(from, to);

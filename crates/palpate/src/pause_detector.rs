@@ -1,18 +1,17 @@
-//! Touches split by idleness: where a stream of samples without marks pauses between two touches.
+//! Splits a continuous stream of samples into touches, where the arm pauses.
 //!
-//! An arm that stands still and touches nothing is between touches, and what its sensors say then
-//! is the tare of the touch to come. So a new touch begins once the arm has idled for long enough,
-//! and the still samples of that pause are its first: without them, an arm that moves on at once
-//! would leave the new touch without a tare. Standing still while pushing is no pause, which is
-//! why the caller says how many points are touched ([`crate::mapper::StepReport::contacts`], or
-//! [`crate::contact::Contacts::len`]). An arm that comes back to where it started still drags a few
-//! points that slipped on the way, so what counts as nothing is a small part of the most that the
-//! touch has held.
+//! An arm that stands still without contact is between two touches, and its torques then give the
+//! tare of the next touch. So a new touch begins once the arm has stood still for long enough, and
+//! the samples of this pause are its first ones: otherwise a touch in which the arm moves at once
+//! would have no tare. Standing still while pushing is no pause, so the caller passes the number of
+//! touched points ([`crate::mapper::StepReport::contacts`], or [`crate::contact::Contacts::len`]).
+//! An arm that is back at its start may still hold a few points that slipped on the way, so it
+//! counts as free below a small share of the largest number of points in the touch.
 //!
-//! A pause begins one touch, however long it lasts, but is renewed now and then: the tare stays
-//! fresh, and the sample log of an arm that idles through the night does not grow.
+//! A pause begins one touch. In a long pause, another touch begins from time to time, so that the
+//! tare stays recent and the sample log of an idle arm does not grow.
 //!
-//! The module reads the samples' clock and no other; it knows no robot and no contact.
+//! The only clock is that of the samples. The module depends neither on robot nor on contacts.
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -28,16 +27,16 @@ use crate::tracker::Sample;
 #[serde(default, deny_unknown_fields)]
 #[non_exhaustive]
 pub struct PauseConfig {
-    /// The farthest a joint may be from where the pause began and still stand still, rad (m for a
-    /// prismatic joint).
+    /// The arm counts as standing still while no joint is farther than this from its position at
+    /// the start of the pause, rad (m for a prismatic joint).
     pub still_rad: f64,
-    /// How long the arm must stand still, s, by the clock of the samples.
+    /// Duration of standing still that makes a pause, s, by the clock of the samples.
     pub idle_s: f64,
-    /// The same in samples, where they carry no time.
+    /// Number of still samples that make a pause, if samples have no time.
     pub idle_samples: u32,
-    /// An arm that idles for so long since a touch began gets a new one, s.
+    /// In a pause, time since the start of a touch after which a new touch begins, s.
     pub renew_s: f64,
-    /// The same in samples, where they carry no time.
+    /// In a pause, number of samples after which a new touch begins, if samples have no time.
     pub renew_samples: u32,
 }
 
@@ -47,7 +46,8 @@ impl Default for PauseConfig {
     }
 }
 
-/// So many samples of a pause are kept at most, and so many are a pause whatever their clock says.
+/// Largest number of samples that are kept of a pause. As many still samples are a pause, whatever
+/// their times are.
 const MAX_HELD: usize = 10_000;
 
 /// The arm counts as free if at most 1/50 of the touch's largest number of contacts is left.
@@ -77,7 +77,7 @@ impl PauseConfig {
     }
 }
 
-/// Says of one sample after the other whether a new touch begins with it.
+/// Decides for each sample whether a new touch begins.
 ///
 /// # Example
 ///
@@ -87,7 +87,7 @@ impl PauseConfig {
 ///
 /// let mut split = PauseDetector::new(PauseConfig::default()).unwrap();
 /// let at = |time_s, q| Sample::new(Some(time_s), vec![q], vec![0.0]);
-/// // It moves, and stands still from 0.1 s on, in the air.
+/// // The arm moves, and stands still without contact from 0.1 s on.
 /// assert_eq!(split.push(&at(0.0, 0.3), 0), None);
 /// let begins = (1..8).find_map(|i| split.push(&at(0.1 * f64::from(i), 0.0), 0));
 /// let tare = begins.unwrap();
@@ -96,19 +96,19 @@ impl PauseConfig {
 #[derive(Debug, Clone)]
 pub struct PauseDetector {
     config: PauseConfig,
-    /// The latest samples that stand still, the first of them where the pause began.
+    /// The latest still samples, no more than make a pause; positions are compared with the first.
     still: VecDeque<Sample>,
     /// Whether this pause has not begun a touch yet.
     due: bool,
     /// Time of the first sample since a touch began.
     begun_s: Option<f64>,
-    /// Samples since a touch began, and the most points that it has touched.
+    /// Number of samples since a touch began, and the largest number of points touched in it.
     since: u64,
     most_contacts: usize,
 }
 
 impl PauseDetector {
-    /// Before the first sample, with no touch begun: the first pause begins one.
+    /// A detector before the first sample: the first pause begins a touch.
     ///
     /// # Errors
     ///
@@ -125,18 +125,18 @@ impl PauseDetector {
         })
     }
 
-    /// Takes note that the caller begins a touch of its own accord, with the next sample.
+    /// Notes that the caller begins a touch with the next sample.
     pub fn begun(&mut self) {
         self.still.clear();
         (self.due, self.begun_s, self.since, self.most_contacts) = (false, None, 0, 0);
     }
 
-    /// Takes the next sample, and how many points the arm touches at it.
+    /// Takes the next sample, and the number of points that the arm touches there.
     ///
-    /// `None`: the touch under way goes on. `Some`: a new touch begins with these samples, oldest
-    /// first, the last of which is the one just given. The others were given before; whoever has
-    /// fed them to the touch before feeds them to the new one again, which teaches nothing twice,
-    /// since nothing is touched at them. At most 10,000, at least [`MIN_TARE_FRAMES`].
+    /// Returns `None` if the touch under way goes on, else the first samples of a new touch, oldest
+    /// first; the last of them is `sample`. The caller passes all of them to the new touch, even
+    /// those already passed to the touch before: they are without contact, so nothing is learnt
+    /// twice. They are at most 10,000, at least [`MIN_TARE_FRAMES`].
     pub fn push(&mut self, sample: &Sample, contacts: usize) -> Option<Vec<Sample>> {
         self.since += 1;
         self.begun_s = self.begun_s.or(sample.time_s);
@@ -151,7 +151,7 @@ impl PauseDetector {
                 self.still.clear();
                 self.due = true;
             }
-            // A clock that was set back says nothing about how long the pause has lasted.
+            // After the clock was set back, the duration of the pause is unknown: it starts anew.
             Some(first) if elapsed_s(first, sample).is_some_and(|elapsed_s| elapsed_s < 0.0) => {
                 self.still.clear();
                 self.begun_s = sample.time_s;
@@ -169,21 +169,21 @@ impl PauseDetector {
         Some(self.still.iter().cloned().collect())
     }
 
-    /// How many of the latest samples stand still and would come back if a touch began now: a
-    /// reader that need not be quick holds so many back, and each is in one touch only.
+    /// Number of samples that would be returned if a touch began now. A caller without real-time
+    /// needs can hold them back, so that each sample is in one touch only.
     pub fn held(&self) -> usize {
         self.still.len()
     }
 
-    /// Whether no joint has left the place where the pause began. A joint that turns without end
-    /// may be logged a whole turn further on.
+    /// Whether no joint has left its position at the start of the pause. A continuous joint may be
+    /// logged a whole turn further on.
     fn stands_still(&self, first: &Sample, now: &Sample) -> bool {
         let near = |way: f64| way.min((way - TAU).abs()) <= self.config.still_rad;
         first.q.len() == now.q.len()
             && first.q.iter().zip(&now.q).all(|(first, now)| near((now - first).abs()))
     }
 
-    /// Whether the still samples without the first so many are a pause.
+    /// Whether the still samples are a pause, without the first ones (as many as `without`).
     fn is_pause(&self, without: usize) -> bool {
         let samples = self.still.len() - without;
         if samples < MIN_TARE_FRAMES as usize {
@@ -194,14 +194,14 @@ impl PauseDetector {
             _ => None,
         };
         let long = match elapsed_s {
-            // A hair less is as good: stamps are decimal fractions.
+            // With a tolerance for rounding, since times are decimal fractions.
             Some(elapsed_s) => elapsed_s >= self.config.idle_s * (1.0 - 1e-9),
             None => samples >= self.config.idle_samples as usize,
         };
         long || samples >= MAX_HELD
     }
 
-    /// Whether the touch began too long ago for its tare to be fresh.
+    /// Whether the touch began so long ago that it needs a new tare.
     fn is_stale(&self, now: &Sample) -> bool {
         match (self.begun_s, now.time_s) {
             (Some(begun_s), Some(now_s)) => now_s - begun_s >= self.config.renew_s,
@@ -226,7 +226,7 @@ mod tests {
         Sample::new(Some(i as f64 * PERIOD_S), vec![0.5, q], vec![0.0; 2])
     }
 
-    /// A split, and which samples (by number) each touch of a motion starts with.
+    /// A detector, and the numbers of the first samples of each touch that it began.
     struct Run {
         split: PauseDetector,
         at: usize,

@@ -1,11 +1,10 @@
-//! A prior by cell: what is expected of cells before they are touched.
+//! Prior means by cell: the stiffness expected of a cell before it is touched.
 //!
-//! The prior of [`crate::estimator`] is the same for all cells. If an earlier field or a camera image
-//! says something about some cells, these cells get their own prior mean m₀. Their prior variance stays
-//! that of all cells: how much evidence it takes to depart from the mean depends on torque noise and
-//! prior variance, which are tuned together.
+//! The prior of [`crate::estimator`] is the same for all cells. If an earlier field or a camera image gives information
+//! about some cells, these cells get their own prior mean m₀. Their prior variance stays that of all cells: how much
+//! evidence it takes to depart from the mean depends on torque noise and prior variance, which are tuned together.
 //!
-//! The module only checks such a prior and puts it in order; [`crate::mapper`] declares its rows.
+//! This module only checks and sorts such a prior; [`crate::mapper`] uses its rows.
 
 use crate::estimator::LARGEST;
 use crate::lattice::{CellId, CellRows, Lattice};
@@ -15,24 +14,24 @@ use crate::lattice::{CellId, CellRows, Lattice};
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum PriorMeansError {
-    /// A cell that is none.
+    /// A cell outside the lattice.
     #[error("cell {cell} of the prior is not in the lattice, which has {n_cells} cells")]
     Outside { cell: u32, n_cells: u64 },
-    /// Two opinions on one cell.
+    /// A cell that is given twice.
     #[error("cell {cell} comes twice in the prior; give each cell one expected stiffness")]
     Twice { cell: u32 },
-    /// A stiffness that nothing has.
+    /// A stiffness out of range.
     #[error("the prior of cell {cell} is {found} N/m; it must be from 0 to 1e9 N/m")]
     Value { cell: u32, found: f64 },
 }
 
 /// Rows for the cells of a prior in the lattice's order, and the mean of each, N/m.
 ///
-/// The order that they are given in changes nothing. Cost: O(n log n).
+/// The result does not depend on the order of `prior`. Cost: O(n log n).
 ///
 /// # Errors
 ///
-/// If a cell is outside the lattice or comes twice, or its mean is no stiffness.
+/// If a cell is outside the lattice or comes twice, or its mean is out of range.
 pub(crate) fn rows(
     lattice: &Lattice,
     prior: &[(CellId, f64)],

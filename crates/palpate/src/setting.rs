@@ -1,4 +1,4 @@
-//! A setting that makes no sense, wherever it stands.
+//! The error for a setting outside its range, used by all modules.
 
 /// A setting outside its range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -9,7 +9,7 @@ pub struct SettingError {
     pub setting: &'static str,
     /// Its value.
     pub found: f64,
-    /// What would do, with its unit.
+    /// The allowed range, with its unit.
     pub wanted: &'static str,
 }
 

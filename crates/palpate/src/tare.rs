@@ -1,11 +1,11 @@
-//! The tare: the mean torque of a touch while nothing is touched.
+//! The tare: the mean torque of a touch before anything is touched.
 //!
-//! Sensors drift between touches, so every touch has a tare of its own: the mean of what the sign and
-//! gravity leave of the logged torque over the contact-free frames at its start. A frame counts as
-//! contact-free while the arm stands still, or while the simulator finds it touching no point of the
-//! lattice; the start ends at the first frame that is neither. Without such a start, torques out of which the
-//! robot has taken gravity are external ones as they are; others need one. Of an identified arm, whose torques have a
-//! standard deviation, the start ends as well where they are more than that explains.
+//! Sensors drift between touches, so every touch has its own tare: the mean of the logged torque, with the sign of
+//! τ_ext and without gravity, over the contact-free frames at its start. A frame counts as contact-free while the arm
+//! stands still, or while the simulator finds no contact with the lattice; the contact-free start ends at the first
+//! frame with neither. Without such a start, torques from which the robot has subtracted gravity are used without a
+//! tare; other torques are refused. For an identified arm, whose torques have standard deviations, the start also ends
+//! at the first torque that its standard deviation does not explain.
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
@@ -18,25 +18,25 @@ use crate::tracker::TrackerError;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Tare {
-    /// The contact-free start, found by itself.
+    /// The contact-free start, detected automatically.
     #[default]
     Auto,
-    /// The first frames, so many.
+    /// The first frames, as many as given.
     Frames(u32),
-    /// None: the torques are external ones already.
+    /// No tare: the torques are external torques already.
     None,
 }
 
-/// The fewest contact-free frames that give a tare.
+/// Least number of contact-free frames for a tare.
 pub const MIN_TARE_FRAMES: u32 = 5;
 
-/// Standard deviations that the torques of an identified arm may be away from zero while nothing is touched.
+/// Largest torque of an identified arm without contact, in standard deviations.
 const MOST_STDS: f64 = 4.0;
 
-/// Whether a frame belongs to the contact-free start of a touch, if all before it do: the arm
+/// Whether a frame belongs to the contact-free start of a touch, given that all frames before it do: the arm still
 /// stands where the touch began, or touches no point of the lattice.
 ///
-/// Joint positions where the touch began and now are n_joints each, rad or m, as is `still_rad`.
+/// The joint positions at the start of the touch and now are n_joints each, rad or m, as is `still_rad`.
 pub fn is_contact_free(
     robot: &Robot,
     (q_start, q): (&[f64], &[f64]),
@@ -52,17 +52,17 @@ fn is_explained(untared: &DVector<f64>, std: &[f64]) -> bool {
     untared.iter().zip(std).all(|(torque, std)| torque.abs() <= MOST_STDS * std)
 }
 
-/// The tare of one touch, as far as it has come.
+/// The tare of one touch, while it is computed and after.
 #[derive(Debug, Clone)]
 pub(crate) struct TouchTare {
-    /// Joint positions where the touch began, n_joints.
+    /// Joint positions at the start of the touch, n_joints.
     q_start: Vec<f64>,
     state: State,
 }
 
 #[derive(Debug, Clone)]
 enum State {
-    /// Being taken: the sum over the frames so far.
+    /// Being computed: the sum over the frames so far.
     Open {
         sum: DVector<f64>,
         frames: u32,
@@ -89,14 +89,14 @@ impl TouchTare {
         }
     }
 
-    /// Adds a frame to the tare, or subtracts the tare from it: τ_ext, n_joints, N·m, or `None` while
-    /// the tare is being taken.
+    /// Adds a frame to the tare and returns `None`; or, once the tare is known, subtracts it and returns τ_ext,
+    /// n_joints, N·m.
     ///
-    /// `in_contact` says whether the arm touches any point of the lattice.
+    /// `in_contact`: whether the arm touches any point of the lattice.
     ///
     /// # Errors
     ///
-    /// If the contact-free start is over before there were frames enough, and the torques hold gravity.
+    /// If the contact-free start has too few frames, and the torques include gravity.
     pub(crate) fn subtract(
         &mut self,
         (robot, config): (&Robot, &ExternalTorqueConfig),
@@ -130,11 +130,11 @@ impl TouchTare {
         Ok(self.known().map(|tare| untared - tare))
     }
 
-    /// Checks, at the end of a touch, that it had as many frames as were asked for.
+    /// Checks, at the end of a touch, that it had as many frames as were requested for the tare.
     ///
     /// # Errors
     ///
-    /// If a number of tare frames was asked for and the touch is shorter.
+    /// If a number of tare frames was requested and the touch is shorter.
     pub(crate) fn end(&self, tare: Tare) -> Result<(), TrackerError> {
         match (tare, &self.state) {
             (Tare::Frames(wanted), &State::Open { frames: found, .. }) if found < wanted => {

@@ -1,9 +1,9 @@
-//! From what the robot logs to contacts and external torques, sample by sample.
+//! Computes contacts and external torques from logged samples, one by one.
 //!
-//! A [`Tracker`] follows one touch after another: it moves the arm through the lattice
-//! ([`crate::motion`]), takes sign and gravity off the torque ([`crate::external_torque`]) and then the
-//! tare ([`crate::tare`]). It knows no stiffness: learning ([`crate::mapper`]) and predicting
-//! ([`crate::field`]) use the same tracker, so they have the same contacts and torques.
+//! A [`Tracker`] follows one touch after another: it moves the arm through the lattice ([`crate::motion`]), converts
+//! the sign of the torque and subtracts gravity ([`crate::external_torque`]) and then the tare ([`crate::tare`]). It
+//! does not use stiffness: learning ([`crate::mapper`]) and predicting ([`crate::field`]) use the same tracker, so they
+//! have the same contacts and torques.
 
 use std::sync::Arc;
 
@@ -19,7 +19,7 @@ use crate::robot::{Poses, RobotError};
 use crate::setting::SettingError;
 use crate::tare::{Tare, TouchTare};
 
-/// What the robot reports at one moment.
+/// Joint positions and torques of the robot at one moment.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Sample {
@@ -29,13 +29,13 @@ pub struct Sample {
     pub q: Vec<f64>,
     /// Joint torques as logged, n_joints, N·m or N.
     pub tau: Vec<f64>,
-    /// Standard deviation of the torques, n_joints, N·m, if it is known for this sample: of an identified arm. Its square
-    /// is added to that of the estimator's `torque_std`.
+    /// Standard deviation of the torques, n_joints, N·m, if known for this sample (identified arms only). Its square is
+    /// added to that of the estimator's `torque_std`.
     pub tau_std: Option<Vec<f64>>,
 }
 
 impl Sample {
-    /// A sample: time, s, if there is one; positions, rad or m, and torques, N·m or N, a joint.
+    /// A sample: time, s, if known; positions, rad or m, and torques, N·m or N, one of each for every joint.
     pub fn new(time_s: Option<f64>, q: Vec<f64>, tau: Vec<f64>) -> Self {
         Self { time_s, q, tau, tau_std: None }
     }
@@ -49,37 +49,37 @@ pub enum TrackerError {
     /// The wrong number of joint torques.
     #[error("got {got} joint torques, the robot has {expected} moving joints")]
     TorqueCount { expected: usize, got: usize },
-    /// A standard deviation that is none.
+    /// Standard deviations that are missing, negative, NaN or too large.
     #[error(
         "the standard deviations of the torques are {found:?}; wanted {expected} of at least 0 N·m"
     )]
     TorqueStd { expected: usize, found: Vec<f64> },
-    /// A model of another arm, or one that cannot be.
+    /// A torque model that is invalid or of another arm.
     #[error("the model of the arm's torques does not serve: {0}")]
     TorqueModel(String),
-    /// A torque that is no number, or none of this world.
+    /// A torque that is NaN or too large.
     #[error("the torque of joint `{joint}` is {found}; wanted a number of N·m below {MAX_TORQUE}")]
     Torque { joint: String, found: f64 },
-    /// A motion that no arm makes between two samples.
+    /// A motion that is too long for two consecutive samples.
     #[error(
         "joint `{joint}` jumps from {from} to {to}; so long a motion cannot be followed: are there \
          samples missing, or is it in another unit?"
     )]
     Jump { joint: String, from: f64, to: f64 },
-    /// Joint positions that the robot cannot take.
+    /// Invalid joint positions.
     #[error(transparent)]
     Robot(#[from] RobotError),
-    /// Nothing to tare on.
+    /// Too few contact-free frames for a tare.
     #[error(
         "the touch has no contact-free start: after {found} frames the arm has moved and touches the \
          lattice, and the tare needs at least {wanted} frames before that; start the log earlier, give the number of \
          frames yourself (`tare_frames`), or set `no_tare` if the torques are external already"
     )]
     NoContactFreeStart { found: u32, wanted: u32 },
-    /// Fewer frames than were to be averaged.
+    /// Fewer frames than were requested for the tare.
     #[error("the touch ends after {found} frames, before the {wanted} that were asked for as tare")]
     TareTooLong { found: u32, wanted: u32 },
-    /// A sample before any touch began, or after one that could not be used.
+    /// A sample before any touch was begun, or after the touch had failed.
     #[error("a sample came without a touch that was begun and is still good")]
     NotBegun,
 }
@@ -96,30 +96,30 @@ impl From<MotionError> for TrackerError {
 /// A sample with its geometry and its external torque.
 #[derive(Debug, Clone)]
 pub struct TrackedSample {
-    /// Links' poses.
+    /// Poses of the links.
     pub poses: Poses,
-    /// What the arm displaces.
+    /// The contacts.
     pub contacts: Contacts,
-    /// Measured torque with the sign of τ_ext, less gravity and with its bias, n_joints, N·m.
+    /// Measured torque with the sign of τ_ext, minus gravity but not minus the tare, n_joints, N·m.
     pub untared: DVector<f64>,
-    /// τ_ext, n_joints, N·m; `None` while the tare is being taken.
+    /// τ_ext, n_joints, N·m; `None` while the tare is being computed.
     pub external: Option<DVector<f64>>,
-    /// Standard deviation of that, n_joints, if the sample has one.
+    /// Standard deviation of τ_ext, n_joints, N·m, if the sample has one.
     pub tau_std: Option<Vec<f64>>,
-    /// Whether it is to be learnt from ([`Downsampling`]).
+    /// Whether to learn from this sample ([`Downsampling`]).
     pub is_learnt: bool,
 }
 
-/// Weights for [`crate::unstable::Observation::weighted`] of torques with these standard deviations, n_joints, N·m: an
-/// estimator that takes `torque_std` (one for all joints, or one for each) for the noise then takes
-/// `√(torque_std² + tau_std²)`.
+/// Weights for [`crate::unstable::Observation::weighted`], for torques with standard deviations `tau_std`, n_joints,
+/// N·m: an estimator with noise `torque_std` (one for all joints, or one for each) then uses the noise `√(torque_std² +
+/// tau_std²)`.
 pub fn torque_weights(tau_std: &[f64], torque_std: &[f64]) -> Vec<f64> {
     let own = |joint: usize| torque_std[joint.min(torque_std.len() - 1)];
     let joints = tau_std.iter().enumerate();
     joints.map(|(joint, std)| own(joint) / own(joint).hypot(*std)).collect()
 }
 
-/// Follows one touch after another.
+/// Computes contacts and external torques of one touch after another.
 #[derive(Debug, Clone)]
 pub struct Tracker {
     motion: MotionSimulator,
@@ -128,7 +128,7 @@ pub struct Tracker {
     begun: bool,
     /// The tare of the touch under way, from its first sample on.
     tare: Option<TouchTare>,
-    /// What of it is learnt from.
+    /// Selects the samples to learn from.
     downsampling: Downsampling,
 }
 
@@ -155,7 +155,7 @@ impl Tracker {
         Ok(Self { motion, config, begun: false, tare: None, downsampling: Downsampling::default() })
     }
 
-    /// The arm that is followed.
+    /// The arm.
     pub fn arm(&self) -> &Arc<Arm> {
         self.motion.arm()
     }
@@ -165,23 +165,22 @@ impl Tracker {
         self.motion.substeps()
     }
 
-    /// Whether a touch is under way: begun, not ended, and not found to be without a tare.
+    /// Whether a touch is under way: begun, not ended, and not failed for lack of a tare.
     pub(crate) fn is_in_touch(&self) -> bool {
         self.begun
     }
 
-    /// Time of the last sample of the touch that was learnt from, s.
+    /// Time of the last learnt sample of the touch, s.
     pub(crate) fn learnt_s(&self) -> Option<f64> {
         self.downsampling.last_s
     }
 
-    /// Goes on as if the last sample that was learnt from had been at this time, s.
+    /// Sets the time of the last learnt sample, s.
     pub(crate) fn set_learnt_s(&mut self, learnt_s: Option<f64>) {
         self.downsampling.last_s = learnt_s;
     }
 
-    /// Joint positions where the arm is, n_joints, and its contacts there; `None` outside a touch, or
-    /// before its first position.
+    /// Present joint positions, n_joints, and contacts; `None` outside a touch, or before its first position.
     pub(crate) fn current_state(&self) -> Option<(Vec<f64>, ContactState)> {
         self.begun.then(|| self.motion.current_state())?
     }
@@ -198,9 +197,9 @@ impl Tracker {
     ///
     /// # Errors
     ///
-    /// If the sample does not fit the robot, or holds a value that is no number: the tracker is
-    /// then as before it, and may go on with the next. If it shows that the touch has no
-    /// contact-free start: that touch is over, and the next call must begin another.
+    /// If the sample does not fit the robot, or has an invalid value: the tracker is then unchanged, and the next
+    /// sample can follow. If the touch turns out to have no contact-free start: the touch is then over, and a new one
+    /// must be begun.
     pub fn feed(&mut self, sample: &Sample) -> Result<TrackedSample, TrackerError> {
         if !self.begun {
             return Err(TrackerError::NotBegun);
@@ -218,12 +217,12 @@ impl Tracker {
         Ok(TrackedSample { poses, contacts, untared, external, tau_std, is_learnt })
     }
 
-    /// The links' poses of a sample, and its torque with the sign of τ_ext, less gravity, n_joints, N·m; the tracker stays
-    /// where it is.
+    /// The poses of the links in a sample, and its torque with the sign of τ_ext, minus gravity, n_joints, N·m; does
+    /// not change the tracker.
     ///
     /// # Errors
     ///
-    /// If the sample does not fit the robot, or holds a value that is no number.
+    /// If the sample does not fit the robot, or has an invalid value.
     pub fn check(&self, sample: &Sample) -> Result<(Poses, DVector<f64>), TrackerError> {
         let poses = self.arm().robot.forward(&sample.q)?;
         let untared = self.config.untared(&self.arm().robot, &poses, &sample.tau)?;
@@ -242,8 +241,7 @@ impl Tracker {
         self.tare.as_ref()?.known()
     }
 
-    /// What the arm displaced in the last sample: the contacts of its [`TrackedSample`]; none before
-    /// the first.
+    /// The contacts of the last [`TrackedSample`]; none before the first.
     pub fn contacts(&self) -> Contacts {
         self.motion.contacts()
     }
@@ -252,7 +250,7 @@ impl Tracker {
     ///
     /// # Errors
     ///
-    /// If a number of tare frames was asked for and the touch is shorter.
+    /// If a number of tare frames was requested and the touch is shorter.
     pub fn end_touch(&mut self) -> Result<(), TrackerError> {
         self.begun = false;
         self.tare.as_ref().map_or(Ok(()), |tare| tare.end(self.config.tare))

@@ -1,9 +1,9 @@
 //! Predicting the torque of a path: how long it takes, and what fewer springs cost in accuracy.
 //!
-//! A mapper that has learnt all passes is asked about touches, as a whole and about the push alone,
-//! each resampled to [`POINTS`] points. Coarse answers, as `palpate live` gives them, are compared
-//! with those at every point with every spring of the same field. The error of the field itself is
-//! measured by `palpate evaluate`.
+//! A mapper that has learnt all passes predicts the torques of touches: of each whole touch, and of
+//! its push alone, each resampled to [`POINTS`] points. Coarse answers, as `palpate live` gives
+//! them, are compared with exact ones: at every point, with every spring of the same field. The
+//! error of the field itself is measured by `palpate evaluate`.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -19,46 +19,47 @@ use crate::error::CliError;
 use crate::output::Output;
 use palpate_work::quantile::{extremes, median};
 
-/// Points of a path.
+/// Number of points of a path.
 const POINTS: usize = 200;
-/// Thinned answers about each path.
+/// Number of coarse answers about each path.
 const TIMES: usize = 9;
-/// A torque whose relative error says something, N·m over all joints.
+/// Smallest torque whose relative error is counted, N·m over all joints.
 const LARGE_N_M: f64 = 1.0;
 
-/// What was found of the paths of some touches.
+/// Times and errors of the answers about the paths of some touches.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Answers {
     points: usize,
     times: usize,
-    /// What keeps the mapper busy with a question, ms; of each whole touch the median counts.
+    /// Time for which a question blocks the mapper, ms: the medians of the whole touches.
     handover_ms: Option<Extent>,
     whole: Asked,
-    /// From where nothing is touched yet to the largest torque.
+    /// From the last point without contact to the largest torque.
     push: Asked,
 }
 
-/// What was found of paths of one kind, path by path; each list is written as its [`Extent`], an
-/// empty one as `null`.
+/// Times and errors for paths of one kind, one number for each path; each list is written as its
+/// [`Extent`], an empty one as `null`.
 #[derive(Debug, Clone, Default, Serialize)]
 struct Asked {
-    /// Those that touch anything.
+    /// Number of paths with contact.
     paths: usize,
     #[serde(skip)]
     handover_ms: Vec<f64>,
-    /// The coarse answer with handing out what it needs, ms; of each path the median counts.
+    /// Median time of a coarse answer, including the copy that it needs of the mapper, ms.
     #[serde(serialize_with = "extent")]
     coarse_ms: Vec<f64>,
-    /// The answer at every point with every spring, once a path, ms.
+    /// Time of the exact answer, which is computed once, ms.
     #[serde(serialize_with = "extent")]
     exact_ms: Vec<f64>,
-    /// What a coarse answer is off by in the mean over a path, where that has at least
-    /// [`LARGE_N_M`], relative.
+    /// Relative error of a coarse answer: mean over the points of the path with a torque of at
+    /// least [`LARGE_N_M`].
     #[serde(serialize_with = "extent")]
     torque_off: Vec<f64>,
+    /// The same for [`PathPoint::torque_std`].
     #[serde(serialize_with = "extent")]
     std_off: Vec<f64>,
-    /// The same of [`PathPoint::torque_rss`], which bands depend on.
+    /// The same for [`PathPoint::torque_rss`], on which bands depend.
     #[serde(serialize_with = "extent")]
     rss_off: Vec<f64>,
 }
@@ -67,7 +68,7 @@ fn extent<S: Serializer>(numbers: &[f64], serializer: S) -> Result<S::Ok, S::Err
     Extent::of(numbers).serialize(serializer)
 }
 
-/// The median over paths, the least and the most.
+/// Median, smallest and largest value over paths.
 #[derive(Debug, Clone, Copy, Serialize)]
 struct Extent {
     median: f64,
@@ -75,7 +76,7 @@ struct Extent {
     most: f64,
 }
 
-/// Asks about every touch.
+/// Measures the answers about every touch.
 pub(super) fn measure(
     mapper: &Mapper,
     asked: &[RecordedTouch],
@@ -105,7 +106,8 @@ pub(super) fn measure(
     Ok(Answers { points: POINTS, times: TIMES, handover_ms, whole, push })
 }
 
-/// A path in [`POINTS`] points, equal times apart; joints go straight in between.
+/// A path resampled to [`POINTS`] points at equal intervals, with linear interpolation of the
+/// joints.
 fn resampled(robot: &Robot, path: &[&[f64]]) -> Vec<Vec<f64>> {
     let last = path.len().saturating_sub(1) as f64;
     let point = |point: usize| {
@@ -117,8 +119,8 @@ fn resampled(robot: &Robot, path: &[&[f64]]) -> Vec<Vec<f64>> {
     (0..POINTS).map(point).collect()
 }
 
-/// The points of a path from the last without contact to the largest torque; what is touched at the
-/// first point of a path is taken for empty space.
+/// The points of a path from the last one without contact to the largest torque; what is in contact
+/// at the first point of a path counts as empty space.
 fn push_of(answer: &PathPrediction) -> Range<usize> {
     let Some(touches) = answer.points.iter().position(|point| point.contacts > 0) else {
         return 0..0;
@@ -129,7 +131,7 @@ fn push_of(answer: &PathPrediction) -> Range<usize> {
 }
 
 impl Asked {
-    /// Asks about one path, and returns the exact answer.
+    /// Measures the answers about one path, and returns the exact one.
     fn ask(&mut self, mapper: &Mapper, path: &[Vec<f64>]) -> Result<PathPrediction, PathError> {
         let config = PathConfig::default();
         let start = Instant::now();
@@ -146,7 +148,7 @@ impl Asked {
             let start = Instant::now();
             let predictor = mapper.coarse_path_predictor(CLUSTER_WEIGHT);
             handover_ms.push(milliseconds(start.elapsed()));
-            answers.push(predictor.ask(path, &config)?); // all alike
+            answers.push(predictor.ask(path, &config)?); // all are equal
             coarse_ms.push(milliseconds(start.elapsed()));
         }
         self.handover_ms.extend(median(&handover_ms));
@@ -158,8 +160,8 @@ impl Asked {
     }
 }
 
-/// What a coarse answer is off by, relative, in the mean over the points where the exact torque is
-/// worth it; `None` where it nowhere is.
+/// Mean relative error of a coarse answer over the points whose exact torque is at least
+/// [`LARGE_N_M`]; `None` if there is no such point.
 fn off_by(
     coarse: &PathPrediction,
     exact: &PathPrediction,
@@ -173,13 +175,13 @@ fn off_by(
 }
 
 impl Extent {
-    /// Of some paths, if there are any.
+    /// The extent of some numbers, if there are any.
     fn of(numbers: &[f64]) -> Option<Self> {
         let [least, most] = extremes(numbers.iter().copied())?;
         Some(Self { median: median(numbers)?, least, most })
     }
 
-    /// The median and what lies about it, in some unit.
+    /// The median and the range as text, with numbers multiplied by `factor`.
     fn text(self, factor: f64, digits: usize, unit: &str) -> String {
         let [median, least, most] = [self.median, self.least, self.most].map(|n| n * factor);
         format!("{median:.digits$} {unit} ({least:.digits$} to {most:.digits$})")
@@ -212,7 +214,7 @@ impl Answers {
         rows
     }
 
-    /// What was asked, and how.
+    /// What was measured, and how.
     pub(super) fn heading(&self) -> String {
         format!(
             "Answers about paths of {} points: {} whole touches that touch anything, and their {} \

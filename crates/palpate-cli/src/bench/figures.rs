@@ -1,4 +1,4 @@
-//! What one measurement found, as JSON and as text.
+//! The results of one measurement, as JSON and as text.
 
 use palpate::EstimatorKind;
 use palpate_work::quantile::median;
@@ -10,12 +10,12 @@ use crate::pace::PaceFigures;
 
 pub(super) const MIB: f64 = (1 << 20) as f64;
 
-/// A median and a rare worst case, ms.
+/// Median and 99th percentile of a time.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Spread {
-    /// Half take longer.
+    /// Median, ms.
     pub(super) median: f64,
-    /// One in a hundred does.
+    /// 99th percentile, ms.
     pub(super) p99: f64,
 }
 
@@ -29,57 +29,60 @@ pub(super) fn middle(numbers: &[f64]) -> f64 {
 pub(super) struct Figures {
     pub robot: String,
     pub estimator: EstimatorKind,
-    /// Whether the touches are the bundled ones, which no real robot made.
+    /// Whether the touches are the bundled ones, which are simulated.
     pub simulated: bool,
     pub touches: usize,
     pub warm_passes: u32,
     pub passes: u32,
     pub spacing_m: f64,
-    /// The first point of the lattice, and points along x, y and z.
+    /// The first point of the lattice.
     pub origin_m: [f64; 3],
+    /// Number of points along x, y and z.
     pub shape: [u32; 3],
     pub cells_declared: u64,
     pub cells_touched: usize,
-    /// The box of these, in cells: first and last along x, y and z.
+    /// The box around the touched cells: first and last cell along x, y and z.
     pub cells_touched_box: [[u32; 3]; 2],
     /// Threads of the whole step.
     pub threads: usize,
-    /// From the start of the command until the first step was made, the log being read.
+    /// Time from the start of the command to the end of the first step, including reading the log,
+    /// ms.
     pub start_ms: f64,
-    /// Timed steps.
+    /// Number of timed steps.
     pub steps: usize,
-    /// By the mean time of a step.
+    /// Inverse of the mean time of a step.
     pub steps_per_second: f64,
     pub step_ms: Spread,
-    /// Median points touched.
+    /// Median number of contacts in a step.
     pub contacts: f64,
     #[serde(flatten)]
     pub parts: Parts,
-    /// `null` where the system does not say.
+    /// Peak of the resident set; `null` if the system does not report it.
     pub peak_memory_mib: Option<f64>,
     pub frames_remembered: usize,
     pub memory_mib: f64,
     /// How `--rate` was kept, if it was given.
     pub pace: Option<PaceFigures>,
-    /// What was found of the paths of `--answers`, if it was given.
+    /// The measurements of `--answers`, if it was given.
     pub answers: Option<Answers>,
 }
 
-/// What was found of the parts of a step.
+/// The times of the parts of a step.
 #[derive(Debug, Clone, Default, Serialize)]
 pub(super) struct Parts {
-    /// Medians of the two parts, on one thread.
+    /// Median time of the simulator, on one thread.
     pub simulator_ms: f64,
+    /// Median time of the update, on one thread.
     pub update_ms: f64,
-    /// Median of the update by contact and visit.
+    /// Median time of the replays per contact visited, ns; that of the update without replays.
     pub ns_per_visit: f64,
-    /// The whole update by contact visited: with folding, prediction, correction and the standard
-    /// deviation of a new frame, ns.
+    /// Median time of the whole update per contact visited, with the observation, prediction,
+    /// correction and standard deviation of the new frame, ns.
     pub update_ns_per_visit: f64,
 }
 
 impl Figures {
-    /// All of it for people.
+    /// All figures as text.
     pub(super) fn text(&self) -> String {
         let mut text = self.heading() + &rows(&self.rows());
         if let Some(answers) = &self.answers {

@@ -6,21 +6,21 @@
 //! | `whole`     | the step as a user runs it                                               |
 //! | `parts`     | the same step in two parts, on one thread                                |
 //! | `answers`   | how long it takes to predict the torque of a path                        |
-//! | `peak`      | the most memory that the process has held                                |
-//! | `figures`   | all of it, as JSON and as text                                           |
+//! | `peak`      | the peak memory of the process                                           |
+//! | `figures`   | all results, as JSON and as text                                         |
 //!
-//! The crate `palpate-bench` runs this command for lattices of several sizes, and compares it with
-//! what the machine's memory and arithmetic allow.
+//! The crate `palpate-bench` runs this command for lattices of several sizes, and compares the times
+//! with the lower bounds set by the machine's memory and arithmetic.
 //!
 //! # Protocol
 //!
 //! The log is learnt `--warm-passes` times before the clock starts, so that memory is as full as
-//! in use, then `--passes` times with the clock running. Timed are the steps whose tare is known
-//! and which touch something: those that learn. This is done twice, with a mapper and with its
-//! parts. The peak of memory is read after the mapper and before anything else is made.
+//! in use, then `--passes` times with the clock running. Timed are the steps that learn: their tare is
+//! known, and they touch something. This is done twice, first with a mapper and then with its parts.
+//! The peak memory is read after the passes of the mapper, before anything else is allocated.
 //!
-//! Nothing waits for the machine to be idle, so figures are to be read as ratios, and compared only
-//! within a run.
+//! The command does not wait for the machine to be idle: read the figures as ratios, and compare them
+//! only within a run.
 
 mod answers;
 mod figures;
@@ -53,17 +53,17 @@ const EXAMPLES: &str = "Examples:
   palpate bench data/plant_a/seq_00* --answers data/plant_a/seq_010
 
 The log is learnt once before the clock starts (--warm-passes), so that memory is as full as in
-use, and once with the clock running (--passes). Timed are the steps whose tare is known and which
+use, and once with the clock running (--passes). Steps are timed if their tare is known and they
 touch something. The whole step is timed as a user runs it; its two parts, the simulator and the
 update with its replays, are timed on one thread.
 
-With --rate the passes take real time. Timed is then the step without replays, and reported is how
-many replays fitted into what it left; that depends on the machine. The parts are measured with
-the replays of the settings, whatever the rate.
+With --rate the passes run in real time. The step is then timed without replays, and the number of
+replays that fitted into the remaining time is reported; it depends on the machine. The parts are
+measured with the replays of the settings, whatever the rate.
 
-With --answers, the mapper that has learnt the log predicts the torque along the touches of another,
-as `palpate live --ask` does. The result is compared with the exact one, of every spring at every
-point. Give touches that it has not learnt.";
+With --answers, the mapper that has learnt the log predicts the torque along other touches, as
+`palpate live --ask` does. The result is compared with the exact one, of every spring at every
+point. Give touches that are not in the log.";
 
 /// Flags of `palpate bench`.
 #[derive(Debug, clap::Args)]
@@ -77,7 +77,7 @@ pub(crate) struct Args {
     /// Only the first N touches of the log [default: all]
     #[arg(long, value_name = "N", value_parser = at_least_one())]
     touches: Option<u32>,
-    /// Also time answers about the paths of these touches, in 200 points each
+    /// Also time the prediction of torques along the paths of these touches, in 200 points each
     #[arg(long, value_name = "LOG")]
     answers: Vec<PathBuf>,
     /// Print the figures as JSON
@@ -106,7 +106,7 @@ struct Bench<'a> {
     config: MapperConfig,
     /// The touches to learn from.
     recording: Vec<RecordedTouch>,
-    /// Those that are asked about.
+    /// The touches of `--answers`.
     asked: Vec<RecordedTouch>,
 }
 
@@ -136,7 +136,7 @@ impl<'a> Bench<'a> {
         Ok(figures)
     }
 
-    /// The log was of no use.
+    /// The error if no step of the log can be timed.
     fn touches_nothing(&self) -> CliError {
         let names: Vec<_> =
             self.args.logs.iter().map(|log| format!("`{}`", log.display())).collect();

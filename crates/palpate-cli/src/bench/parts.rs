@@ -1,11 +1,11 @@
 //! The step in two parts, on one thread: the simulator, and the update with its replays.
 //!
-//! This is `Mapper::step` taken apart, and the only file of the command that knows how the core
-//! composes a step. The *simulator* is [`Tracker::feed`]: kinematics, gravity, sub-steps and
-//! contacts. The *update* is all the rest: the frame folded into an observation, the
-//! prediction, the correction, and the visits of remembered frames.
+//! This is `Mapper::step` taken apart, and the only file of the command that depends on how the
+//! core composes a step. The *simulator* is [`Tracker::feed`]: kinematics, gravity, sub-steps and
+//! contacts. The *update* is all the rest: the observation of the frame, the prediction, the
+//! correction, and the visits of remembered frames.
 //!
-//! No sample log is kept, as it takes no part in the times.
+//! No sample log is kept, since that is not timed.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -21,35 +21,35 @@ use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::SettingsError;
 
-/// What a mapper is made of, under the clock.
-struct Taken {
+/// The parts of a mapper, timed separately.
+struct TimedParts {
     tracker: Tracker,
     observations: ObservationBuilder,
     estimator: Box<dyn Estimator>,
     replays: u32,
     next: FrameId,
-    /// What was measured.
+    /// The measured times.
     times: Times,
 }
 
-/// The timed steps.
+/// The times of the timed steps.
 #[derive(Debug, Clone, Default)]
 struct Times {
-    /// The simulator's share of each, ms.
+    /// Time of the simulator in each step, ms.
     simulator_ms: Vec<f64>,
-    /// The update's share of each, ms.
+    /// Time of the update in each step, ms.
     update_ms: Vec<f64>,
-    /// The replays of each, by contact visited, ns.
+    /// Time of the replays of each step, divided by the number of contacts visited, ns.
     visit_ns: Vec<f64>,
-    /// The whole update of each, by contact visited, ns.
+    /// Time of the update of each step, divided by the number of contacts visited, ns.
     update_ns: Vec<f64>,
 }
 
-/// Learns all passes on one thread.
+/// Times the parts of all passes, on one thread.
 pub(super) fn measure(bench: &Bench<'_>, output: &Output) -> Result<Parts, CliError> {
-    let mut taken = Taken::new(&bench.arm, &bench.config).map_err(SettingsError::value)?;
-    play(&bench.recording, bench.args.passes, &mut taken, output, "timing its parts")?;
-    let times = &taken.times;
+    let mut timed = TimedParts::new(&bench.arm, &bench.config).map_err(SettingsError::value)?;
+    play(&bench.recording, bench.args.passes, &mut timed, output, "timing its parts")?;
+    let times = &timed.times;
     let update_ns_per_visit = middle(&times.update_ns);
     Ok(Parts {
         simulator_ms: middle(&times.simulator_ms),
@@ -59,7 +59,7 @@ pub(super) fn measure(bench: &Bench<'_>, output: &Output) -> Result<Parts, CliEr
     })
 }
 
-impl Taken {
+impl TimedParts {
     fn new(arm: &Arc<Arm>, config: &MapperConfig) -> Result<Self, MapperError> {
         let estimator = config.estimator(arm.robot.n_joints())?;
         let (contact, touch) = (config.contact.clone(), config.touch.clone());
@@ -74,7 +74,8 @@ impl Taken {
         })
     }
 
-    /// Folds a frame, predicts and corrects; says whether it learnt from it.
+    /// Makes the observation of a frame, predicts and corrects; returns whether the frame was
+    /// learnt.
     fn correct(&mut self, frame: &TrackedSample, source: FrameId) -> Result<bool, MapperError> {
         let Some(external) = &frame.external else { return Ok(false) };
         if frame.contacts.is_empty() {
@@ -88,7 +89,7 @@ impl Taken {
     }
 }
 
-impl Learner for Taken {
+impl Learner for TimedParts {
     fn begin_touch(&mut self) {
         self.tracker.begin_touch();
         self.next = FrameId { touch: self.next.touch + 1, sample: 0 };

@@ -1,13 +1,13 @@
-//! The most memory that this process has held.
+//! The peak memory of this process.
 
-/// The peak of the resident set so far, bytes; `None` where the system does not say.
+/// The peak of the resident set so far, bytes; `None` if the system does not report it.
 ///
 /// Linux does, in `/proc/self/status`; the count begins with the program, not with its parent.
 pub(super) fn resident_bytes() -> Option<u64> {
     resident_in(&std::fs::read_to_string("/proc/self/status").ok()?)
 }
 
-/// The peak in the text of that file.
+/// The peak in the text of `/proc/self/status`, bytes.
 fn resident_in(status: &str) -> Option<u64> {
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;

@@ -1,7 +1,7 @@
 //! Touches held in memory, and the passes through them.
 //!
-//! Reading files is no part of what is measured, so the touches are read once before. They are
-//! not simulated, sorted or changed in any way.
+//! Reading files is not measured: the touches are read once before. They are not simulated, sorted
+//! or changed in any way.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use palpate_work::touches::RecordedTouch;
 use crate::error::CliError;
 use crate::output::Output;
 
-/// How often touches are learnt.
+/// How often the touches are learnt.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub(super) struct Passes {
     /// Passes through the log before the clock starts
@@ -29,7 +29,7 @@ pub(super) fn at_least_one() -> RangedI64ValueParser<u32> {
     clap::value_parser!(u32).range(1..)
 }
 
-/// What learns touches and takes its own time.
+/// Learns touches, and measures its own time.
 pub(super) trait Learner {
     /// A touch starts.
     fn begin_touch(&mut self);
@@ -41,7 +41,7 @@ pub(super) trait Learner {
     fn end_touch(&mut self) -> Result<(), MapperError>;
 }
 
-/// Lets a learner have all passes, until Ctrl-C.
+/// Passes the touches of all passes to a learner, until Ctrl-C.
 pub(super) fn play(
     touches: &[RecordedTouch],
     passes: Passes,
@@ -72,7 +72,7 @@ pub(super) fn play(
     Ok(())
 }
 
-/// The end of a measurement by Ctrl-C.
+/// The error if Ctrl-C ends a measurement.
 pub(super) fn cut_short() -> CliError {
     CliError::Interrupted { kept: "; a measurement cut short says nothing".to_owned() }
 }

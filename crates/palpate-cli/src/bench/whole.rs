@@ -1,4 +1,4 @@
-//! The step as a user runs it: [`Mapper::step`], on as many threads as it takes.
+//! The step as a user runs it: [`Mapper::step`], on as many threads as it uses.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -14,7 +14,7 @@ use crate::output::Output;
 use crate::pace::Pace;
 use crate::settings::SettingsError;
 
-/// A mapper under the clock.
+/// A mapper whose steps are timed.
 pub(super) struct Whole {
     mapper: Mapper,
     pace: Option<Pace>,
@@ -25,7 +25,7 @@ pub(super) struct Whole {
 }
 
 impl Whole {
-    /// A mapper that knows nothing yet, in a command that began at `started`.
+    /// A new mapper; `started` is when the command began.
     pub(super) fn new(bench: &Bench<'_>, started: Instant) -> Result<Self, SettingsError> {
         let mapper = Mapper::new(Arc::clone(&bench.arm), bench.config.clone());
         let (mapper, pace) = bench.args.pace.keep(mapper.map_err(SettingsError::value)?);
@@ -33,8 +33,8 @@ impl Whole {
         Ok(Self { mapper, pace, started, first_step: None, step_ms, contacts })
     }
 
-    /// Learns all passes, and is asked about the paths of other touches; the mapper is gone after
-    /// it, and its memory free for what follows. `None` if no step was timed.
+    /// Learns all passes, then measures answers about the paths of other touches. The mapper is
+    /// dropped, so that its memory is free for what follows. `None` if no step was timed.
     pub(super) fn measure(
         mut self,
         bench: &Bench<'_>,

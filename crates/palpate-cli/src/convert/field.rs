@@ -1,4 +1,4 @@
-//! A field in another format.
+//! Converts a field to another format.
 
 use std::path::Path;
 
@@ -21,15 +21,15 @@ use crate::output::Output;
 use crate::place;
 use crate::settings::Settings;
 
-/// Frame of the points in a message: that of the robot's base, as ROS calls it.
+/// Frame of the points in a message: the robot's base, by its usual name in ROS.
 const FRAME: &str = "base_link";
 
-/// Points on springs in a MuJoCo model, at most: it simulates a thousand in real time.
+/// Largest number of points on springs in a MuJoCo model, which MuJoCo still simulates in real time.
 const MOST_SPRINGS: usize = 1_000;
 
-/// What becomes of a field.
+/// A conversion of a field to another format.
 pub(super) struct Conversion<'a> {
-    /// The field, the output, and the output's ending.
+    /// Path of the field, path of the output, and the ending of the output.
     pub(super) paths: (&'a Path, &'a Path, &'a str),
     /// Only cells stiffer than this are written, N/m.
     pub(super) above: Option<f64>,
@@ -37,7 +37,7 @@ pub(super) struct Conversion<'a> {
 }
 
 impl Conversion<'_> {
-    /// Reads a field and writes it as the ending says.
+    /// Reads a field and writes it in the format of the ending.
     pub(super) fn run(&self, settings: &Settings, output: &Output) -> Result<(), CliError> {
         let (input, path, to) = self.paths;
         if to == "json" || (to == "xml" && self.above.is_none() && has_body(input)?) {
@@ -95,7 +95,7 @@ impl Conversion<'_> {
     }
 
     /// Writes the arm where its last touch began, or with all joints in the middle of their range, and the field as
-    /// octahedra. Returns how many, and what the arm is.
+    /// octahedra. Returns the number of cells and a description of the arm.
     fn write_glb(&self, settings: &Settings, output: &Output) -> Result<(usize, String), CliError> {
         let (input, path, _) = self.paths;
         let saved = field::load(input).map_err(CliError::file)?;
@@ -156,7 +156,7 @@ fn link(hull: &LinkShape, world_from_link: &Isometry3<f64>) -> Mesh {
     }
 }
 
-/// An octahedron for each cell, with corners of its own for each face.
+/// An octahedron for each cell; its faces share no vertices, so that each face has its own normal.
 fn octahedra(cells: &Cells) -> Mesh {
     let mut mesh = Mesh {
         name: "field".to_owned(),

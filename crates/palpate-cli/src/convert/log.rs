@@ -1,4 +1,4 @@
-//! A log in another format, one sample after another.
+//! Converts a log to another format, sample by sample.
 
 use std::f64::consts::TAU;
 use std::io;
@@ -15,7 +15,7 @@ use crate::error::CliError;
 use crate::output::Output;
 use crate::settings::Settings;
 
-/// What a log becomes.
+/// Format of the output.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Format {
     Arrays,
@@ -24,7 +24,7 @@ pub(super) enum Format {
 }
 
 impl Format {
-    /// The format that an ending means.
+    /// The format that belongs to an ending.
     pub(super) fn of(
         path: &Path,
         ending: &str,
@@ -43,7 +43,7 @@ impl Format {
     }
 }
 
-/// Reads a log and writes it anew.
+/// Reads a log and writes it in another format.
 pub(super) fn convert(
     (input, path): (&Path, &Path),
     format: Format,
@@ -65,7 +65,7 @@ pub(super) fn convert(
         let config = settings.config()?;
         touches = touches.for_arm(&arm, &settings.log, (config.lattice, config.contact))?;
     }
-    // Arrays name no joints: theirs are in the robot's order.
+    // Arrays have no joint names: their columns are in the robot's order.
     let (is_arrays, is_of_robot) =
         (matches!(format, Format::Arrays), settings.robot.robot.is_some());
     if is_arrays && is_of_robot {
@@ -105,7 +105,7 @@ pub(super) fn convert(
     output.result(&format!("{touched} touches of {samples} samples in all are in `{path}`.\n"))
 }
 
-/// The joints of the robot that the settings name.
+/// The joint names of the robot in the settings, for a log without names.
 fn names_of_robot(settings: &Settings, output: &Output) -> Result<Vec<String>, CliError> {
     let arm = robot::load(&settings.robot, output)?;
     let name = settings.robot.name();
@@ -113,20 +113,20 @@ fn names_of_robot(settings: &Settings, output: &Output) -> Result<Vec<String>, C
     Ok(arm.robot.joint_names().map(str::to_owned).collect())
 }
 
-/// Touches on their way.
+/// State of a conversion.
 struct Copying<'a> {
     touches: &'a mut Touches,
     output: &'a Output,
     bar: Box<dyn Bar>,
-    /// What stopped the reading.
+    /// The error that stopped the reading.
     fault: Option<CliError>,
-    /// Touches and samples so far.
+    /// Number of touches and of samples so far.
     count: (u64, u64),
-    /// Samples so far with a position beyond two turns.
+    /// Number of samples so far with a position beyond [`LARGEST_RAD`].
     beyond: u64,
 }
 
-/// Two turns, beyond which positions are hardly in radians.
+/// Two turns, rad: if most samples have a position beyond it, the log is probably in degrees.
 const LARGEST_RAD: f64 = 2.0 * TAU;
 
 impl Copying<'_> {
@@ -173,9 +173,9 @@ impl Copying<'_> {
         }
     }
 
-    /// Hands on the touch that was begun already, and all that follows.
+    /// Passes `first`, the touch that has begun already, and all following events to `take`.
     ///
-    /// An error gives up the output; what stopped the reading is kept in `fault`.
+    /// An error gives up the output; an error of the reading is kept in `fault`.
     fn hand_on(
         &mut self,
         first: String,

@@ -1,5 +1,5 @@
-//! `palpate demo`: learn from bundled touches, predict the one that was held out, and evaluate; with `--full`, choose
-//! settings before, evaluate all methods, and extrapolate the field to the points that a camera saw.
+//! `palpate demo`: learns bundled touches, predicts the one that was held out, and evaluates; with `--full`, also
+//! chooses settings first, evaluates all methods, and extrapolates the field to the points that a camera saw.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -38,11 +38,12 @@ const ORIGIN: &str = "The touches are simulated: a Kinova Gen3 pushes into a pot
                       MuJoCo, an engine\nthat shares nothing with palpate's contact model. No \
                       real robot took part.\n";
 
-/// Random halves of the touches on which the extrapolation is tried.
+/// Number of random halves of the touches on which the extrapolation is tested.
 const HALVES: u32 = 3;
 
-/// Without `--full`, touches are evaluated in so many groups, each predicted from the others, by these methods.
+/// Number of groups of touches in the evaluation without `--full`, each predicted from the others.
 const GROUPS: usize = 6;
+/// Methods of the evaluation without `--full`.
 const QUICK: [Method; 4] = [Method::Map, Method::Knn, Method::Uniform, Method::Zero];
 
 /// Flags of `palpate demo`.
@@ -51,7 +52,7 @@ pub(crate) struct Args {
     /// Folder for the field and the pictures
     #[arg(long, short, value_name = "DIR", default_value = "palpate-demo")]
     output: PathBuf,
-    /// Which of the bundled touches, from 0 to 10, is not learnt from but predicted
+    /// Number of the bundled touch, from 0 to 10, that is held out and predicted
     #[arg(long, value_name = "N", default_value_t = bundled::COUNT - 1, value_parser = of_bundled())]
     hold_out: usize,
     /// Choose settings, evaluate all methods by leaving out each touch, and extrapolate, in a few minutes
@@ -67,7 +68,7 @@ pub(crate) struct Args {
     estimator: EstimatorSettings,
 }
 
-/// A parser of numbers of touches.
+/// A parser for the number of a bundled touch.
 fn of_bundled() -> RangedU64ValueParser<usize> {
     RangedU64ValueParser::new().range(..bundled::COUNT as u64)
 }
@@ -140,7 +141,7 @@ struct Picture {
 }
 
 impl Picture {
-    /// Nothing if another estimator is set.
+    /// Empty if another estimator is set.
     fn of(settings: &Settings, object: &Path, output: &Output) -> Result<Self, CliError> {
         if settings.estimator.estimator != Some(EstimatorKind::Elastic) {
             return Ok(Self::default());
@@ -192,7 +193,7 @@ struct Findings<'a> {
     folder: &'a Path,
 }
 
-/// What the field of most touches says of the one held out.
+/// The errors on the touch that was held out, as text.
 fn first_errors(report: &Report, learnt_from: usize) -> String {
     let predicted = predict::text(report);
     format!(
@@ -201,7 +202,7 @@ fn first_errors(report: &Report, learnt_from: usize) -> String {
 }
 
 impl Args {
-    /// The paper's experiment on all touches; without `--full`, in groups, by a few methods, with the shipped settings.
+    /// The paper's experiment on all touches; without `--full`, in groups, by a few methods, with the default settings.
     fn evaluate(
         &self,
         arm: &Arc<Arm>,

@@ -1,8 +1,9 @@
-//! The finished pieces of an evaluation, kept until all of it is finished.
+//! The finished pieces of an evaluation, kept on disk until all of it is finished.
 //!
-//! Every piece lies in a file of its own, which appears whole or not at all, under the *key* of what
-//! made it: robot, settings, touches with their truth, folds and program. A piece with another key is
-//! ignored; a piece that was changed since, as its *seal* shows, is reported and computed again.
+//! Every piece is a file, written whole or not at all. It contains a *key*, a hash of everything that the
+//! piece depends on: robot, settings, touches with their truth, folds and program. A piece with another key
+//! is ignored. A piece whose *seal*, a hash of key and content, is wrong was changed since: it is reported
+//! and computed again.
 
 use std::fmt::Debug;
 use std::path::{Path, PathBuf};
@@ -27,17 +28,17 @@ pub(super) struct Kept {
     folder: PathBuf,
     key: String,
     output: Output,
-    /// Whether a piece could not be kept.
+    /// Whether keeping a piece has failed already: only the first failure is reported.
     fails: AtomicBool,
 }
 
-/// What a file holds.
+/// Content of a file.
 #[derive(Serialize, Deserialize)]
 struct Sealed {
     key: String,
     /// A hash of key and piece.
     seal: String,
-    /// As JSON.
+    /// The piece as JSON.
     piece: String,
 }
 
@@ -52,7 +53,7 @@ fn seal(key: &str, piece: &str) -> String {
 }
 
 impl Kept {
-    /// The pieces kept in a folder of results.
+    /// Opens the pieces in a folder of results, and makes their folder.
     pub(super) fn open(results: &Path, work: &Work<'_>, output: Output) -> Result<Self, CliError> {
         let folder = results.join("parts");
         let what = format!("the folder `{}`", folder.display());
@@ -61,7 +62,7 @@ impl Kept {
         Ok(Self { results, folder, key: key(work), output, fails })
     }
 
-    /// All pieces whose name begins so, if they are whole.
+    /// All valid pieces whose names begin with `begins`.
     fn read<P: DeserializeOwned>(&self, begins: &str) -> Vec<P> {
         let Ok(entries) = self.folder.read_dir() else { return Vec::new() };
         let names = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
@@ -70,7 +71,7 @@ impl Kept {
         names.iter().filter_map(|name| self.one(name.strip_suffix(".json")?)).collect()
     }
 
-    /// A piece by its name, if it is there and whole.
+    /// A piece by its name, if it exists and is valid; warns if it was changed.
     fn one<P: DeserializeOwned>(&self, name: &str) -> Option<P> {
         let path = self.folder.join(format!("{name}.json"));
         let Sealed { key, seal: found, piece } =
@@ -90,7 +91,7 @@ impl Kept {
         None
     }
 
-    /// Keeps a piece under a name. The evaluation can do without, so that is no error.
+    /// Keeps a piece under a name. A failure is only a warning: the evaluation continues without it.
     fn keep<P: Serialize>(&self, name: &str, piece: &P) {
         if let Err(error) = self.write(name, piece)
             && !self.fails.swap(true, Ordering::Relaxed)
@@ -106,13 +107,13 @@ impl Kept {
         place::write(&self.folder.join(format!("{name}.json")), &text)
     }
 
-    /// Removes all pieces, and nothing else that lies there.
+    /// Removes all pieces, and no other file of the folder.
     pub(super) fn remove(&self) {
         let Ok(entries) = self.folder.read_dir() else { return };
         for path in entries.flatten().map(|entry| entry.path()) {
             let Ok(text) = input::read_text(&path, u64::MAX) else { continue };
             if serde_json::from_str::<Sealed>(&text).is_ok() {
-                let _ = std::fs::remove_file(&path); // What stays is found, or has another key.
+                let _ = std::fs::remove_file(&path); // A piece that stays is reused, or ignored for its key.
             }
         }
     }
@@ -145,7 +146,7 @@ impl Keep for Kept {
 
 impl Drop for Kept {
     fn drop(&mut self) {
-        let _ = std::fs::remove_dir(&self.folder); // Refused unless it is empty.
+        let _ = std::fs::remove_dir(&self.folder); // Fails unless it is empty.
     }
 }
 
@@ -172,7 +173,7 @@ fn key(work: &Work<'_>) -> String {
     hasher.finalize().to_hex().to_string()
 }
 
-/// What computes: the version, and of a program that somebody builds day by day its file.
+/// Identifies the program: its version, and size and time of its file, which differ between builds.
 fn program() -> impl Debug {
     let file = program::file().and_then(|path| std::fs::metadata(path).ok());
     let built = file.map(|file| (file.len(), file.modified().ok()));

@@ -1,7 +1,7 @@
-//! `palpate evaluate`: the paper's experiment (Sec. III-A) on anyone's touches.
+//! `palpate evaluate`: the paper's experiment (Sec. III-A) on any touches.
 //!
-//! [`run`] is the command; [`kept`] keeps what is done, so that an evaluation goes on where it was
-//! broken off; [`summary`] is what it prints.
+//! [`run`] is the command; [`kept`] stores finished pieces, so that an interrupted evaluation can
+//! continue; [`summary`] is what it prints.
 
 mod kept;
 mod summary;
@@ -38,7 +38,7 @@ const NOTES: &str = "Examples:
   palpate evaluate recordings/ --test push_7,push_8
   palpate evaluate plant_a/ --cloud plant_a/object.ply
 
-Every touch is predicted by methods that have learnt from other touches alone: leave-one-touch-out,
+Every touch is predicted by methods that have learnt from other touches only: leave-one-touch-out,
 or --folds groups of touches, or the touches named by --test from all others. The methods are
 
   map      the exact maximum a posteriori      mlp  network, two layers of 128, Adam
@@ -47,23 +47,23 @@ or --folds groups of touches, or the touches named by --test from all others. Th
   zero     no torque at all
   elastic  with --cloud: an elastic body made from the cloud, and map for the rest of the torque
 
-of which mlp, gp and knn see joint angles alone, and choose their hyperparameters on their training
-touches. All of them see the same external torques: gravity and tare taken off.
+Of these, mlp, gp and knn use joint angles only, and choose their hyperparameters on their training
+touches. All methods learn the same external torques: gravity and tare are subtracted.
 
 Errors are those of the paper's Table I for each touch, then mean and standard deviation over
 touches. A touch that never reaches 1 N·m has no relative error, and is named.
 
 The folder of results gets report.html, which opens in a browser without a network, errors.csv, a
-picture for papers, and evaluation.json with every predicted torque. Ctrl-C keeps what is done; the
-same command goes on from there.
+picture for papers, and evaluation.json with every predicted torque. After Ctrl-C, the same command
+continues from the finished parts.
 
-[estimator] in the settings is that of the estimator it names (map unless it says ekf); the other
-keeps its shipped settings.
+[estimator] in the settings applies to the estimator that it names (map by default); the other one
+keeps its default settings.
 
 --json prints {\"methods\": [{\"name\", avg_error, max_error, avg_relative, max_relative, each
 {\"mean\", \"std\"}}], \"touches\": [...]}, N·m.";
 
-/// Notes which methods this program was built without, where all were asked for.
+/// Notes which methods this program was built without, if all methods were requested.
 pub(crate) fn note_methods_not_built(output: &Output) {
     if !Method::Gp.is_built() {
         output.note(&palpate_io::not_built("the baselines mlp and gp"));
@@ -80,21 +80,21 @@ pub(crate) struct Args {
     /// Folder for the report and its figures
     #[arg(long, short, value_name = "DIR", default_value = "palpate-evaluation")]
     output: PathBuf,
-    /// What to compare, in this order [default: all]
+    /// Methods to compare, in this order [default: all]
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = method_of)]
     methods: Vec<Method>,
-    /// Predict the touches in so many groups rather than one by one
+    /// Divide the touches into K groups, each predicted from the others, instead of one group per touch
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(2..))]
     folds: Option<u32>,
     /// Predict these touches, by name, from all others
     #[arg(long, value_name = "TOUCH", value_delimiter = ',', conflicts_with = "folds")]
     test: Vec<String>,
-    /// Score against truth/ beside the touches, which simulated logs have, not against what was
-    /// measured
+    /// Score against the true torques in truth/ beside the touches, which simulated logs have, instead of
+    /// the measured ones
     #[arg(long)]
     truth: bool,
-    /// How settings are chosen in every fold, from its training touches alone: `quick`, those of map that are not
-    /// given, as `palpate map` does; `thorough`, those of map and ekf, in many minutes; `off`, not at all
+    /// How settings are chosen in every fold, from its training touches only: `quick`: those of map that are not
+    /// given, as in `palpate map`; `thorough`: those of map and ekf, in many minutes; `off`: none
     /// [default: quick]
     #[arg(
         long, value_name = "HOW", num_args = 0..=1, default_missing_value = "thorough",
@@ -161,9 +161,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 
 /// Where the touches of an evaluation come from.
 pub(crate) struct Origin {
-    /// Whether they are simulated.
+    /// Whether all touches are simulated.
     pub(crate) simulated: bool,
-    /// The logs, as the user calls them.
+    /// The logs, as the user named them.
     pub(crate) logs: Vec<String>,
     /// The settings as they were given.
     pub(crate) settings: Settings,
@@ -171,8 +171,8 @@ pub(crate) struct Origin {
     pub(crate) cloud: Option<Cloud>,
 }
 
-/// Evaluates, and writes the report and its figures into a folder: returns what came of it, and
-/// whether it could be written, so that the results of hours of work are printed in any case.
+/// Evaluates, and writes the report and its figures into a folder. Returns the summary, and separately
+/// whether the report could be written, so that the results of hours of work are printed in any case.
 pub(crate) fn into_folder(
     work: &Work<'_>,
     folder: &Path,
@@ -237,8 +237,8 @@ fn write_report(
     write("report.html", &report.render().map_err(CliError::file)?)
 }
 
-/// A touch's name as that of a file, or "touch" if it would make an odd one: it may be of any length,
-/// and hold anything.
+/// A touch's name as a file name, or "touch" if it is too long, empty or has characters that are unusual
+/// in file names.
 fn plain(name: &str) -> String {
     let name = name.replace(['/', '\\'], "_");
     let is_plain = |c: char| c.is_alphanumeric() || " ._-#()+,".contains(c);
@@ -249,7 +249,7 @@ fn plain(name: &str) -> String {
     if is_odd { "touch".to_owned() } else { name }
 }
 
-/// The settings as a file, with those of each fold as remarks.
+/// The settings as TOML, with the tuned settings of each fold as comments.
 fn settings_toml(evaluated: &Evaluated, settings: &Settings) -> Result<String, CliError> {
     let mut text = settings.template()?;
     for (fold, [map, ekf]) in evaluated.tuned.iter().flatten().enumerate() {
@@ -260,7 +260,7 @@ fn settings_toml(evaluated: &Evaluated, settings: &Settings) -> Result<String, C
     Ok(text)
 }
 
-/// What tuning chooses, in a line.
+/// The settings that tuning chooses, in one line.
 fn tuned_line(config: &MapperConfig) -> String {
     let (contact, estimator) = (&config.contact, &config.estimator);
     let stds: Vec<String> = estimator.torque_std.iter().map(|std| format!("{std:.3}")).collect();

@@ -1,4 +1,4 @@
-//! What an evaluation says, for people, tables and programs.
+//! The summary of an evaluation, as text and as JSON.
 
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -23,7 +23,7 @@ pub(crate) struct EvaluationSummary {
 }
 
 impl EvaluationSummary {
-    /// What `--json` prints: the table, and the figures of every touch.
+    /// What `--json` prints: the table, and the errors of every touch.
     pub(crate) fn json(&self) -> serde_json::Value {
         let touch = |touch: &LeftOut| {
             let methods = touch.predictions.iter().map(|prediction| {
@@ -63,7 +63,7 @@ impl EvaluationSummary {
         format!("{}: {} touches", self.protocol(), self.evaluation.touches.len())
     }
 
-    /// Table I as text, and what it means.
+    /// Table I as text, with explanations.
     pub(crate) fn text(&self) -> String {
         let touches = &self.evaluation.touches;
         let frames: usize = touches.iter().map(|touch| touch.external.len()).sum();
@@ -103,7 +103,7 @@ impl EvaluationSummary {
         text
     }
 
-    /// `map` beside the best of what learns from joint angles, and the same in the paper.
+    /// Error of `map` relative to the best baseline that learns from joint angles, here and in the paper.
     fn ratio_to_baselines(&self) -> Option<String> {
         let (name, best) = self.evaluation.best_learnt()?;
         let map = self.evaluation.relative("map")?;
@@ -119,7 +119,7 @@ impl EvaluationSummary {
         ))
     }
 
-    /// Notes what a reader of the table should know.
+    /// Notes unusual touches: not scored, without relative error or contact, or worse than zero.
     pub(crate) fn note_oddities(&self, output: &Output) {
         for touch in &self.evaluation.touches {
             let name = &touch.name;
@@ -154,7 +154,7 @@ impl EvaluationSummary {
     }
 }
 
-/// What a touch displaces, in its scored frames.
+/// How many points a touch displaces in each of its scored frames.
 fn touched(touch: &LeftOut) -> Touched {
     touch.contacts.iter().map(|&points| points as usize).collect()
 }

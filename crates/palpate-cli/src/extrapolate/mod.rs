@@ -1,7 +1,7 @@
 //! `palpate extrapolate`: the stiffness of cells that a camera saw and no touch reached
 //! (Sec. III-B).
 //!
-//! [`run`] is the command; [`mod@cloud`] reads the camera's points, [`Work`] extrapolates, and
+//! [`run`] is the command; [`CloudArgs`] reads the camera's points, [`Work`] extrapolates, and
 //! [`summary`] is what it prints and draws.
 
 mod summary;
@@ -35,14 +35,14 @@ const NOTES: &str = "Examples:
   palpate map more/ --from filled.npz -o better.npz
 
 A CLOUD is a PLY or PCD file with colours, or a folder (or its rgbd/) with color.png, depth.png and
-camera.json, in the frame of the robot's base, m. A picture is taken before the touches, without the
+camera.json, in the frame of the robot's base, m. Take the picture before the touches, without the
 arm in it.
 
 Points that look alike are assumed to be equally stiff:
 
   torque  a Gaussian process over features, learnt from the torques that the field remembers
-  cells   the same, learnt from the stiffness of touched cells
-  knn     the paper's: the 50 touched points nearest in features, RBF weights
+  cells   a Gaussian process learnt from the stiffness of touched cells
+  knn     the paper's method: the 50 touched points nearest in features, RBF weights
 
 Without --method, palpate takes torque or cells, whichever predicts random halves of the remembered touches
 better from the other half; where both predict worse than the field alone, --field adds nothing to the
@@ -71,30 +71,30 @@ pub(crate) struct Args {
     /// A coloured cloud, or a folder with colour image, depth image and camera
     #[arg(value_name = "CLOUD")]
     cloud: PathBuf,
-    /// Where the cloud goes, with K, K_std and touched for each point
+    /// Output file of the cloud, with K, K_std and touched for each point
     #[arg(long, short, value_name = "FILE.npz|.ply|.pcd")]
     output: PathBuf,
-    /// Where the field goes, with a prior mean for the untouched cells at the cloud's points
+    /// Output file of the field, with a prior mean for the untouched cells at the cloud's points
     #[arg(long, value_name = "FIELD.npz")]
     field: Option<PathBuf>,
     /// How stiffness is extrapolated: torque, cells or knn [default: if the field has its memory, torque or cells,
     /// by random halves of its touches; else knn]
     #[arg(long, value_name = "NAME", value_parser = method_of)]
     method: Option<Method>,
-    /// What points are compared by [default: chroma; rgb for knn]
+    /// Features by which points are compared [default: chroma; rgb for knn]
     #[arg(long, value_name = "NAMES")]
     features: Option<Features>,
-    /// How far, in cells, a cell may be from the seen point that it lies at [default: the field's contact distance and
-    /// a cell more; 1.25 for knn]
+    /// Largest distance between a cell and the cloud's point to which it belongs, in cells [default: the field's
+    /// contact distance plus one cell; 1.25 for knn]
     #[arg(long, value_name = "CELLS")]
     reach_cells: Option<f64>,
-    /// How far apart features must be to say nothing of each other, in standard deviations
+    /// Length scale of the features, in their standard deviations: points much farther apart are independent
     #[arg(long, value_name = "STD", default_value_t = Config::default().length_scale)]
     length_scale: f64,
     /// Compare methods and features on random halves of the remembered touches
     #[arg(long)]
     compare: bool,
-    /// Random halves of --compare
+    /// Number of random halves of --compare
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
     halves: u32,
     /// Folder of a simulation's truth about the points, with which their order by stiffness is
@@ -104,11 +104,11 @@ pub(crate) struct Args {
     /// Draw the stiff part of the field with the arm, and the cloud in colours of its stiffness
     #[arg(long, value_name = "FILE.png|.svg")]
     picture: Option<PathBuf>,
-    /// Stiffness from which on the picture shows cells of the field, N/m [default: that of the
-    /// stiffest twentieth]
+    /// Smallest stiffness of the cells of the field in the picture, N/m [default: shows the stiffest
+    /// 5 %]
     #[arg(long, value_name = "N_PER_M", requires = "picture", value_parser = number_in(0.0..=f64::MAX, "a stiffness from 0 on, N/m"))]
     threshold: Option<f64>,
-    /// Write a page to turn and look at, which opens in a browser without a network
+    /// Write an interactive page, which opens in a browser without a network
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
     /// Say on the page that the touches are simulated
@@ -183,7 +183,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     output.result(&format!("Next: palpate map LOG --from {field} -o FIELD.npz{robot}\n"))
 }
 
-/// How the cloud is written.
+/// Format of the output file of the cloud.
 #[derive(Clone, Copy)]
 enum Ending {
     Npz,
@@ -192,7 +192,7 @@ enum Ending {
 }
 
 impl Ending {
-    /// The one that a file's name asks for.
+    /// The format that belongs to a file's ending.
     fn of(path: &Path) -> Result<Self, CliError> {
         let formats = [("npz", Self::Npz), ("ply", Self::Ply), ("pcd", Self::Pcd)];
         place::format_of(path, "cloud", &formats)
@@ -200,7 +200,7 @@ impl Ending {
 }
 
 impl Args {
-    /// Refuses results that cannot be written, or would replace what is read or each other.
+    /// Refuses outputs that cannot be written, or would replace an input or another output.
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
         let mut places = Places::read(&self.settings, settings, &[]);
         places.input("the field", Some(&self.from));
@@ -226,7 +226,7 @@ impl Args {
     }
 }
 
-/// Writes the cloud with K, its deviation and whether it was touched, whole or not at all.
+/// Writes the cloud with K, its standard deviation and whether each point was touched, whole or not at all.
 pub(crate) fn write(
     path: &Path,
     cloud: &Cloud,

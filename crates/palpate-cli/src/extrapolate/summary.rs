@@ -1,4 +1,4 @@
-//! What an extrapolation found, for people and for programs.
+//! The results of an extrapolation, as text, JSON, picture and page.
 
 use std::collections::HashSet;
 use std::fmt::Write;
@@ -26,17 +26,17 @@ pub(crate) struct ExtrapolationSummary<'a> {
     pub(crate) work: &'a Work<'a>,
     pub(crate) found: &'a Found,
     pub(crate) truth: Option<&'a PointTruth>,
-    /// Whether the touches come from a simulator, which the page then says.
+    /// Whether the touches come from a simulator; the page then says so.
     pub(crate) simulated: bool,
 }
 
 /// How well the order of the points agrees with the truth.
 #[derive(Serialize)]
 struct Order {
-    /// Which points.
+    /// Name of this set of points.
     #[serde(skip)]
     name: &'static str,
-    /// How many.
+    /// Number of points.
     points: usize,
     /// Area under the ROC curve: the first class of the simulation against all others.
     auc: Option<f64>,
@@ -47,7 +47,7 @@ struct Order {
 type Files<'a> = (&'a Path, Option<&'a Path>);
 
 impl ExtrapolationSummary<'_> {
-    /// Seen points in touched cells.
+    /// Number of the cloud's points in touched cells.
     fn touched(&self) -> usize {
         self.found.extrapolation.touched.iter().filter(|touched| **touched).count()
     }
@@ -66,20 +66,20 @@ impl ExtrapolationSummary<'_> {
         std::iter::once(("method", method)).chain(remembered).chain(held_out).collect()
     }
 
-    /// Cells at seen points that no touch has reached.
+    /// Number of untouched cells at the cloud's points.
     fn expected(&self) -> usize {
         let field = &self.work.saved.field;
         let touched: HashSet<_> = field.touched_rows().map(|row| field.cells[row]).collect();
         self.found.cells.iter().filter(|(cell, _)| !touched.contains(cell)).count()
     }
 
-    /// K below which 10, 50 and 90 of 100 points lie, N/m.
+    /// The 10 %, 50 % and 90 % quantiles of the points' stiffness, N/m.
     fn quantiles(&self) -> [f64; 3] {
         let stiffness = &self.found.extrapolation.stiffness_n_per_m;
         [0.1, 0.5, 0.9].map(|share| quantile(stiffness, share).unwrap_or_default())
     }
 
-    /// Scores of the untouched points, and of all.
+    /// How well the order agrees with the truth, for the untouched points and for all.
     fn orders(&self) -> Option<[Order; 2]> {
         let truth = self.truth?;
         let touched = &self.found.extrapolation.touched;
@@ -164,7 +164,7 @@ impl ExtrapolationSummary<'_> {
         Ok(picture::fig4(&self.seen(), threshold_n_per_m)?)
     }
 
-    /// The page, with Fig. 4 to be turned.
+    /// The page, with an interactive Fig. 4.
     pub(crate) fn page(&self) -> Result<String, CliError> {
         let [field, cloud] = self.work.names.map(last_part);
         let page = Page {

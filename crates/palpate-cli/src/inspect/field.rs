@@ -1,4 +1,4 @@
-//! What a field holds, for people.
+//! The facts of a field, as text.
 
 use palpate_work::forget::listed;
 use palpate_work::inspect::field::{FieldFacts, LatticeFacts, OwnFacts};
@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::page::fact;
 
-/// What a field holds.
+/// The facts of a field.
 pub(super) fn text(field: &FieldFacts) -> String {
     let mut text = field.own.as_ref().map_or(String::new(), own);
     text += &fact("file", &format!("{:.1} kB", field.file_bytes as f64 / 1e3));
@@ -46,7 +46,7 @@ pub(super) fn text(field: &FieldFacts) -> String {
     text
 }
 
-/// The quantiles of a figure by name.
+/// Quantiles with their names.
 fn quantiles(quantiles: [f64; 5], number: fn(f64) -> String) -> String {
     let names = ["10 %", "median", "90 %", "99 %", "largest"];
     let parts = names.iter().zip(quantiles);
@@ -54,7 +54,7 @@ fn quantiles(quantiles: [f64; 5], number: fn(f64) -> String) -> String {
     parts.collect::<Vec<_>>().join(", ")
 }
 
-/// How it was learnt.
+/// How the field was learnt.
 fn own(own: &OwnFacts) -> String {
     let mut text = fact("robot", &own.robot);
     text += &fact("lattice", &lattice(&own.lattice));
@@ -74,7 +74,7 @@ fn own(own: &OwnFacts) -> String {
     text + &fact("", &format!("touches: {}", listed(&memory.remembered)))
 }
 
-/// Points and box.
+/// The points of a lattice, and its box.
 pub(super) fn lattice(lattice: &LatticeFacts) -> String {
     let [nx, ny, nz] = lattice.shape;
     format!(

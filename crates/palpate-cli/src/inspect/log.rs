@@ -1,4 +1,4 @@
-//! A log's facts for people.
+//! The facts of a log, as text.
 
 use palpate_io::log::{AngleUnit, CsvColumns, Format};
 use palpate_work::inspect::log::{LogFacts, Matching, Reading, TouchFacts};
@@ -10,7 +10,7 @@ use super::page::{fact, table};
 use crate::output::figure;
 use palpate_work::quantile::extremes;
 
-/// What a log holds.
+/// The facts of a log.
 pub(super) fn text(log: &LogFacts) -> String {
     let format = match log.format {
         Format::NpyFolder => "npy folders",
@@ -58,7 +58,7 @@ pub(super) fn text(log: &LogFacts) -> String {
     text + &by_joint("Largest external torque, N·m", |touch| Some(&touch.peak_by_joint))
 }
 
-/// The columns that are read: of each kind the first and the last.
+/// The columns that are read: the first and the last of each kind.
 fn columns_text(columns: &CsvColumns) -> String {
     let ends = |names: &[String]| match names {
         [first, .., last] => format!("{first} … {last}"),

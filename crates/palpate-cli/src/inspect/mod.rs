@@ -1,7 +1,7 @@
-//! `palpate inspect`: what a log, a robot or a field holds, and what looks wrong with it, as text
-//! or JSON. What is found is `palpate_work::inspect`'s.
+//! `palpate inspect`: the content of a log, a robot or a field, and what looks wrong with it, as
+//! text or JSON. The checks are in `palpate_work::inspect`.
 //!
-//! | file    | says                                |
+//! | file    | content                             |
 //! |---------|-------------------------------------|
 //! | `page`  | facts and tables as text, wrapped   |
 //! | `log`   | the facts of a log                  |
@@ -28,10 +28,10 @@ const NOTES: &str = "Examples:
   palpate inspect recordings/ --box-low-m 0.2,-0.3,0 --box-high-m 0.8,0.3,0.6
   palpate inspect field.npz --json
 
-A log is looked at in the lattice that the settings name, as `palpate map` would learn it.
+A log is checked in the lattice of the settings, as `palpate map` would learn it.
 
-The exit code is 0 if nothing is in the way of `palpate map` and `predict`, warnings or not, and 1
-if something is; with --strict, warnings count as well.";
+The exit code is 1 if an error was found, which would stop `palpate map` or `predict`, and 0
+otherwise. With --strict, warnings count as errors.";
 
 /// Flags of `palpate inspect`.
 #[derive(Debug, clap::Args)]
@@ -43,7 +43,7 @@ pub(crate) struct Args {
     /// Print the findings as JSON
     #[arg(long)]
     pub json: bool,
-    /// Look at logs in the lattice and under the settings of a saved field
+    /// Check logs in the lattice and with the settings of a saved field
     #[arg(long, value_name = "FIELD.npz")]
     pub from: Option<PathBuf>,
     #[command(flatten)]
@@ -82,7 +82,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
 }
 
-/// Everything about one path.
+/// Facts and findings of one path, as text.
 fn text_of(inspection: &Inspection) -> String {
     let mut text = format!("{} `{}`\n", word(inspection.kind), inspection.path.display());
     text += &match &inspection.holds {
@@ -99,7 +99,7 @@ fn text_of(inspection: &Inspection) -> String {
     text + if clean { "  Nothing looks wrong.\n" } else { "" }
 }
 
-/// A finding, its remedy under it.
+/// A finding with its remedy below it, as text.
 fn finding_text(finding: &Finding) -> String {
     let mark = word(finding.level).to_uppercase();
     let text = page::wrapped(&format!("{mark}  {}", finding.what), "  ", "    ");

@@ -1,9 +1,9 @@
-//! Facts and tables as text for people, wrapped.
+//! Facts and tables as wrapped text.
 
-/// Columns that text is wrapped at; tables may be wider, since nothing of them is cut off.
+/// Width at which text is wrapped, in characters; tables may be wider.
 const WIDTH: usize = 100;
 
-/// Columns for the names of facts.
+/// Width of the names of facts, in characters.
 const NAMES: usize = 10;
 
 /// A named fact, wrapped.
@@ -23,7 +23,7 @@ pub(super) fn table(
     format!("\n  {heading}\n{}", lines.collect::<String>())
 }
 
-/// Breaks a text between words.
+/// Wraps a text between words; `first` precedes the first line, `others` each further one.
 pub(super) fn wrapped(text: &str, first: &str, others: &str) -> String {
     let (mut lines, mut line, mut empty) = (String::new(), first.to_owned(), true);
     for word in text.split(' ') {

@@ -1,4 +1,4 @@
-//! What a robot description holds, for people.
+//! The facts of a robot description, as text.
 
 use palpate::unstable::{Joint, JointKind};
 use palpate_work::inspect::robot::{LinkFacts, RobotFacts, SkinFacts};
@@ -6,7 +6,7 @@ use palpate_work::inspect::{counted, number, word};
 
 use super::page::{fact, table};
 
-/// What a robot holds.
+/// The facts of a robot.
 pub(super) fn text(robot: &RobotFacts) -> String {
     let mut text = fact("name", if robot.name.is_empty() { "none" } else { &robot.name });
     text += &fact("mass", &format!("{:.3} kg", robot.mass_kg));

@@ -1,4 +1,4 @@
-//! Warns while a robot is being mapped: of what `palpate inspect` would say of its log.
+//! Checks the samples during a session, as `palpate inspect` checks a log, and collects warnings.
 
 use std::mem::take;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,20 +15,20 @@ use palpate_work::inspect::log::LogCheck;
 
 use crate::output::Output;
 
-/// Samples that may wait to be looked at.
+/// Largest number of samples that wait to be checked.
 const WAITING: usize = 4096;
-/// Between two samples that are kept, s: what looks wrong does so at a hundred a second.
+/// Least time between two samples that are kept, s: 100 Hz is enough for the checks.
 const EVERY_S: f64 = 0.01;
-/// Samples kept of the pause before a touch.
+/// Largest number of samples kept of the pause before a touch.
 const PAUSE: usize = 100;
-/// Samples kept of touches.
+/// Number of samples kept of touches: beyond it, all are dropped when the next touch begins.
 const KEPT: usize = 20_000;
-/// Between two looks.
+/// Time between two checks.
 const LOOK: Duration = Duration::from_secs(10);
-/// How long the thread waits for a sample before it sees whether the session goes on.
+/// How long the thread waits for a sample before it checks whether the session has ended.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// A thread that looks at what was mapped, and holds up nobody.
+/// A thread that checks the mapped samples without delaying the session.
 pub(super) struct Checker {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
@@ -55,17 +55,17 @@ impl Checker {
         Self { shared, thread: Some(thread) }
     }
 
-    /// Where mapped samples go.
+    /// The queue of mapped samples to be checked.
     pub(super) fn inbox(&self) -> Arc<Inbox<Mapped>> {
         Arc::clone(&self.shared.mapped)
     }
 
-    /// What looks wrong and was not reported yet.
+    /// The warnings that were not reported yet.
     pub(super) fn warnings(&self) -> Vec<String> {
         take(&mut *self.shared.warnings.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Looks at what came last, and returns the warnings.
+    /// Checks the last samples, and returns the warnings.
     pub(super) fn end(&mut self) -> Vec<String> {
         self.shared.ends.store(true, Ordering::Relaxed);
         self.shared.mapped.wake();
@@ -83,7 +83,7 @@ struct Looking {
     pause: Vec<Sample>,
     /// Time of the sample that was kept last, s.
     kept_s: Option<f64>,
-    /// Whether samples were kept since the last look.
+    /// Whether samples were kept since the last check.
     fresh: bool,
 }
 
@@ -128,7 +128,7 @@ impl Looking {
         }
     }
 
-    /// The pause in which a touch begins.
+    /// The samples of the pause before `sample` in which the arm stands as in `sample`.
     fn start(&self, sample: &Sample) -> Vec<Sample> {
         let is_still = |before: &&Sample| {
             let joints = before.q.iter().zip(&sample.q);

@@ -54,85 +54,85 @@ const EXAMPLES: &str = "Examples:
   palpate live -o field.npz --viewer
   palpate live -o field.npz --ask palpate.sock --cloud object.ply
 
-No ROS needs to be installed: palpate speaks DDS itself. It listens to a topic of
-sensor_msgs/msg/JointState that holds efforts, or of control_msgs/msg/DynamicJointState, and
-publishes
+ROS need not be installed: palpate contains a DDS implementation. It subscribes to a topic of
+sensor_msgs/msg/JointState with efforts, or of control_msgs/msg/DynamicJointState, and publishes
 
-  /palpate/torque_external   what the object exerts on the joints (JointState)
-  /palpate/torque_predicted  the same as predicted, before the sample was learnt from
+  /palpate/torque_external   the external torque, which the object exerts on the joints (JointState)
+  /palpate/torque_predicted  its prediction, made before the sample was learnt (JointState)
   /palpate/torque_std        with --arm or --no-map: standard deviation of the external torque
-  /palpate/touched           and whether something is touched (Bool)
-  /palpate/contacts          points touched, displacements, stiffness (PointCloud2)
-  /palpate/field             the field near them
-  /palpate/wrench            what the object exerts on each touched link (WrenchStamped)
+  /palpate/touched           with --arm or --no-map: whether something is touched (Bool)
+  /palpate/contacts          points in contact, displacements, stiffness (PointCloud2)
+  /palpate/field             the field near these points (PointCloud2)
+  /palpate/wrench            force and torque of the object on each touched link (WrenchStamped)
   /palpate/stop              with --guard: whether the robot must stop (Bool, 50 times a second;
                              silence means stop)
-  /palpate/guard             and why, with the time (DiagnosticArray)
-  /diagnostics               how it goes (DiagnosticArray)
+  /palpate/guard             with --guard: the reason, with the time (DiagnosticArray)
+  /diagnostics               rate, latency, dropped samples, contacts, errors (DiagnosticArray)
 
 and answers /palpate/tare, /palpate/reset and /palpate/save (std_srvs/srv/Trigger), and
-/palpate/ask (palpate_ros/srv/AskTrajectory). A touch begins where the arm
-pauses and touches nothing, or, after a call of /palpate/tare, wherever it pauses. Samples may come
-at any rate; replays fill the time between them, so that the field depends on the speed of the machine. Ctrl-C saves the field and ends.
+/palpate/ask (palpate_ros/srv/AskTrajectory). A touch begins when the arm pauses without contact, or,
+after a call of /palpate/tare, at the next pause, with or without contact. Samples may come at any rate;
+replays fill the time between them, so that the field depends on the speed of the machine. Ctrl-C saves
+the field and ends the session.
 
 --cloud makes an elastic body from a coloured cloud of the object (estimator `elastic`). The body learns
-each touch once it is over. The field's file holds it, answers to questions use it together with the field,
-and the viewer shows it. /palpate/torque_predicted and the guard use the field alone.";
+each touch once it is over. It is saved in the field's file, used together with the field to answer
+questions, and shown in the viewer. /palpate/torque_predicted and the guard use the field alone.";
 
 /// Flags of `palpate live`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Topic of the joint states [default: the only one there is]
+    /// Topic of the joint states [default: the only one that is published]
     #[arg(long, value_name = "TOPIC")]
     joint_states: Option<String>,
-    /// Where the field goes, now and then and at the end; without it, nothing is kept
+    /// Output file of the field, for checkpoints and at the end; without it, nothing is saved
     #[arg(long, short, value_name = "FIELD.npz")]
     output: Option<PathBuf>,
     /// Time between two checkpoints, s
     #[arg(long, value_name = "S", default_value = "10", value_parser = period())]
     checkpoint: f64,
-    /// Go on from the field in --output, if it is there
+    /// Continue from the field in --output, if the file exists
     #[arg(long, requires = "output")]
     resume: bool,
     /// Take the prior mean of each cell from a field
     #[arg(long, value_name = "FIELD.npz", conflicts_with_all = ["resume", "cloud", "body"])]
     prior: Option<PathBuf>,
-    /// Publish that the robot must stop, until it is known that no joint's measured or predicted
-    /// external torque passes this, N·m
+    /// Publish that the robot must stop, unless it is known that no joint's measured or predicted
+    /// external torque exceeds this limit, N·m
     #[arg(long, value_name = "LIMIT", value_parser = number_in(f64::MIN_POSITIVE..=f64::MAX, "a number above 0"))]
     guard: Option<f64>,
-    /// The longest time without a usable joint state before the guard says stop, s
+    /// Longest time without a usable joint state before the guard says stop, s
     #[arg(long, value_name = "S", requires = "guard", default_value = "0.1", value_parser = period())]
     guard_silence: f64,
-    /// The longest time that joint states may wait for the mapper before the guard says stop, s
+    /// Longest time that joint states may wait for the mapper before the guard says stop, s
     #[arg(long, value_name = "S", requires = "guard", default_value = "0.25", value_parser = period())]
     guard_lag: f64,
-    /// The most by which torques at rest may differ from gravity: an arm with more counts as loaded,
-    /// N·m [default: that of --guard]
+    /// Largest difference between the torques at rest and gravity, N·m: above it the arm counts as loaded
+    /// [default: that of --guard]
     #[arg(long, value_name = "LIMIT", requires = "guard", value_parser = number_in(f64::MIN_POSITIVE..=f64::MAX, "a number above 0"))]
     guard_bias: Option<f64>,
-    /// Take the outer end of the band around the predicted torque for it, at a level such as 0.9; the
-    /// field to resume must have bands
+    /// Compare the limit with the outer end of the band around the predicted torque, at a level such as
+    /// 0.9; the field to resume must have bands
     #[arg(long, value_name = "LEVEL", requires_all = ["guard", "resume"], value_parser = number_in(0.01..=0.999, "a level from 0.01 to 0.999"))]
     guard_band: Option<f64>,
     /// Stop what MoveIt executes when the guard says stop
     #[arg(long, requires = "guard")]
     guard_moveit: bool,
-    /// Socket on which to ask what torque a motion would meet: a line of JSON each way, such as
+    /// Socket for questions about the torque of a motion: one line of JSON in each direction, such as
     /// {"path": [[0.1, 0.2], [0.1, 0.3]]}
     #[arg(long, value_name = "SOCKET")]
     ask: Option<PathBuf>,
-    /// How long the arm must stand still, free of the object, for a touch to begin, s
+    /// Time for which the arm must stand still without contact before a touch begins, s
     #[arg(long, value_name = "S", default_value = "0.5", value_parser = period())]
     idle: f64,
-    /// Samples that may wait before the oldest are dropped
+    /// Largest number of waiting samples; beyond it, the oldest are dropped
     #[arg(long, value_name = "N", default_value = "512", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     queue: u32,
     /// DDS domain
     #[arg(long, value_name = "N", env = "ROS_DOMAIN_ID", default_value = "0")]
     domain: u16,
-    /// Meet others on this machine only
+    /// Communicate with this machine only
     #[arg(long)]
     localhost: bool,
     /// How requests of services are identified on the wire: `cyclone` for robots on rmw_cyclonedds
@@ -145,17 +145,17 @@ pub(crate) struct Args {
     /// times
     #[arg(long, value_name = "FROM:=TO")]
     remap: Vec<String>,
-    /// End after so long, s
+    /// End after this time, s
     #[arg(long, value_name = "S", value_parser = period())]
     duration: Option<f64>,
-    /// Show it in a Rerun viewer, which is started, or in the one that runs at URL
+    /// Show the session in a Rerun viewer: start one, or use the one that runs at URL
     #[arg(long, value_name = "URL", num_args = 0..=1, require_equals = true)]
     #[allow(clippy::option_option)] // not asked for, or asked for with or without an address
     viewer: Option<Option<String>>,
     /// Map nothing: publish external torques, their standard deviations and whether something is touched
     #[arg(long, conflicts_with_all = ["output", "resume", "prior", "ask", "viewer", "guard", "cloud", "body"])]
     no_map: bool,
-    /// Print figures and notes as JSON, a line a second, in place of the view
+    /// Print figures (once per second) and notes as lines of JSON, in place of the view
     #[arg(long)]
     json_lines: bool,
     #[command(flatten)]
@@ -164,13 +164,13 @@ pub(crate) struct Args {
     settings: AllSettings,
 }
 
-/// An arm that was identified, and how its torques are logged.
+/// The model of an identified arm, and the convention of its torques.
 struct Identified {
     model: TorqueModel,
     torques: ExternalTorqueConfig,
 }
 
-/// How often contact may be reported in contact-free motion.
+/// Accepted number of false alarms per hour of contact-free motion.
 const FALSE_ALARMS_PER_HOUR: f64 = 1.0;
 
 /// A parser of periods, s.
@@ -179,8 +179,8 @@ fn period() -> impl Fn(&str) -> Result<f64, String> + Clone {
 }
 
 impl Args {
-    /// Refuses rules for names that cannot be followed, and a result that cannot be written or would replace what is read
-    /// or was learnt before.
+    /// Refuses invalid rules of --remap, and an output that cannot be written, or would replace an input or a field
+    /// that was learnt before.
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
         self.names()?;
         let mut places = Places::read(&self.settings, settings, &[]);
@@ -218,7 +218,7 @@ impl Args {
         Ok(NetworkProcess::new(network_command, config, joints, flag))
     }
 
-    /// The topic of the joint states, if it is known which.
+    /// The topic of the joint states, if it is given.
     fn joint_states(&self) -> Result<Option<String>, CliError> {
         let names = self.names()?;
         Ok(match &self.joint_states {
@@ -231,7 +231,7 @@ impl Args {
         Names::new(&self.remap).map_err(|error| CliError::Usage(format!("--remap: {error}")))
     }
 
-    /// What `ros2 param` shows of the session.
+    /// The parameters of the session, as `ros2 param` shows them.
     fn parameters(&self, settings: &Settings) -> Vec<Parameter> {
         let text = |text: Option<String>| Value::Text(text.unwrap_or_default());
         let field = self.output.as_ref().map(|path| path.display().to_string());
@@ -270,7 +270,7 @@ impl Args {
         .collect()
     }
 
-    /// The file of a robot that is published: `--robot /robot_description` names a topic, unless there is such a file.
+    /// A file with the URDF from a topic: `--robot /robot_description` names a topic, unless such a file exists.
     fn description(
         &self,
         settings: &mut Settings,
@@ -332,7 +332,7 @@ impl Args {
         Ok(session.identified(stream, threshold, self.no_map))
     }
 
-    /// The arm that was identified, and how its torques are logged.
+    /// The model of the identified arm, and the convention of its torques; `None` without --arm and --no-map.
     fn identified(
         &self,
         arm: &Arm,
@@ -359,7 +359,7 @@ impl Args {
         self.output.clone().map(|path| CheckpointConfig { path, every })
     }
 
-    /// The field to go on from, if it is there.
+    /// The file of the field to continue from, if --resume is given and the file exists.
     fn field(&self) -> Option<&Path> {
         self.output.as_deref().filter(|path| self.resume && path.exists())
     }
@@ -386,7 +386,7 @@ impl Args {
         }
     }
 
-    /// Notes which robot is used, and which inputs and results are not.
+    /// Notes which robot is used, which settings have no effect, and whether nothing is saved.
     fn print_notes(&self, arm: &Arm, settings: &Settings, output: &Output) {
         Self::warn_of_unused_log_settings(settings, output);
         logs::note_robot(arm, settings, output);
@@ -425,7 +425,7 @@ impl Args {
     }
 }
 
-/// This program again, as the network process.
+/// The command that starts this program as the network process.
 fn network_command() -> Command {
     let mut command = program::again();
     command.arg("live-network");
@@ -448,7 +448,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if !args.resume {
         settings.config()?;
     }
-    interrupt::listen(); // from here on, files come and go
+    interrupt::listen(); // from here on, temporary files are made and deleted
     args.check_places(&settings)?;
     let description = args.description(&mut settings, output)?;
     let hold = args.output.as_deref().map(place::hold_field).transpose()?;

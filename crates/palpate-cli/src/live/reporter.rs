@@ -14,7 +14,7 @@ pub(super) struct Reporter {
     shown: RefCell<Shown>,
     checker: Checker,
     strict: bool,
-    /// What looked wrong first, where that ends the session.
+    /// The first warning, if warnings end the session (`--strict`).
     wrong: RefCell<Option<String>>,
 }
 
@@ -23,7 +23,7 @@ impl Reporter {
         Self { shown: RefCell::new(shown), checker, strict, wrong: RefCell::default() }
     }
 
-    /// Where mapped samples go, to be looked at.
+    /// The queue of mapped samples to be checked.
     pub(super) fn inbox(&self) -> Arc<Inbox<Mapped>> {
         self.checker.inbox()
     }
@@ -32,7 +32,7 @@ impl Reporter {
         self.shown.borrow_mut().show(news);
     }
 
-    /// Warns of what looks wrong, and says whether that ends the session.
+    /// Prints new warnings; returns whether one of them ends the session.
     pub(super) fn looks_wrong(&self) -> bool {
         self.warn(self.checker.warnings());
         self.wrong.borrow().is_some()
@@ -47,7 +47,8 @@ impl Reporter {
         }
     }
 
-    /// Warns of what came last; returns what ends the session with an error, if anything does.
+    /// Prints the last warnings; also returns the warning that ends the session with an error, if
+    /// any.
     pub(super) fn end(mut self) -> (Shown, Option<String>) {
         let warnings = self.checker.end();
         self.warn(warnings);

@@ -1,4 +1,4 @@
-//! What is seen of a live session: a view that is drawn anew, or lines of JSON.
+//! The output of a live session: a view that is updated in place, or lines of text or JSON.
 
 use std::io::IsTerminal;
 use std::path::Path;
@@ -14,12 +14,12 @@ use serde_json::json;
 use crate::error::CliError;
 use crate::output::{Output, visible};
 
-/// Between two lines where there is no terminal to draw a view on.
+/// Time between two lines of text, if there is no terminal for a view.
 const LINE: Duration = Duration::from_secs(10);
-/// Between two lines of JSON.
+/// Time between two lines of JSON.
 const JSON: Duration = Duration::from_secs(1);
 
-/// Shows the news.
+/// Shows the news of a session.
 pub(super) struct Shown {
     output: Output,
     json: bool,
@@ -37,7 +37,7 @@ impl Shown {
         Self { output, json, bar, terminal, last_line: None, last: None }
     }
 
-    /// Shows one of the news. A standard output that nobody reads any more is an error at the end.
+    /// Shows one piece of news. That standard output is closed is an error only at the end.
     pub(super) fn show(&mut self, news: News) {
         match news {
             News::Note(note) if self.json => {
@@ -48,7 +48,7 @@ impl Shown {
         }
     }
 
-    /// Says what looks wrong.
+    /// Prints a warning.
     pub(super) fn warn(&self, warning: &str) {
         if self.json {
             let _ = self.output.json_line(&json!({ "warning": warning }));
@@ -73,12 +73,12 @@ impl Shown {
         self.last = Some(figures);
     }
 
-    /// Takes the view away.
+    /// Removes the view from the terminal.
     pub(super) fn clear(&self) {
         self.bar.finish_and_clear();
     }
 
-    /// Says what came of it.
+    /// Prints the result of the session.
     pub(super) fn end(&self, session: &Session, path: Option<&Path>) -> Result<(), CliError> {
         let (frames, _) = session.mapper().memory();
         let cells = session.mapper().n_cells();
@@ -103,7 +103,7 @@ impl Shown {
     }
 }
 
-/// What the session does, in a word or some.
+/// The state of the session in words, with the cause if the robot must stop.
 fn state(figures: &Figures) -> String {
     let does = match figures.state {
         State::Waiting => "waiting for the arm to pause",
@@ -151,7 +151,7 @@ fn view(figures: &Figures) -> String {
     .join("\n")
 }
 
-/// The most important of them in one.
+/// The most important figures, in one line.
 fn line(figures: &Figures) -> String {
     format!(
         "{}: {:.0} Hz, latency {:.2} ms, {} contacts, {} cells, error {} (predicting zero: {}), \

@@ -1,4 +1,4 @@
-//! `--viewer`: the session in the Rerun viewer, by a thread that holds up nobody.
+//! `--viewer`: shows the session in the Rerun viewer, in a thread that does not delay the session.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,9 +17,9 @@ use crate::output::Output;
 use crate::view::scene::{about, scene};
 use crate::view::to::{failed, started};
 
-/// Between two looks at whether the session goes on.
+/// Time between two checks whether the session has ended.
 const LOOK: Duration = Duration::from_millis(100);
-/// What the viewer may take at the end for what is left.
+/// Longest time at the end for drawing the remaining frames.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// A viewer and the thread that sends it the frames.
@@ -30,7 +30,7 @@ pub(super) struct Viewer {
 }
 
 impl Viewer {
-    /// Starts a viewer, or finds the one at `url`.
+    /// Starts a viewer, or connects to the one at `url`.
     pub(super) fn start(
         url: Option<&str>,
         arm: &Arc<Arm>,
@@ -51,7 +51,7 @@ impl Viewer {
             let recording = match connect(&url, scene, &drawer) {
                 Ok(recording) => recording,
                 Err(error) => {
-                    let _ = connected.send(Some(error)); // somebody waits for it
+                    let _ = connected.send(Some(error)); // `answer` waits for it
                     return Ok(());
                 }
             };
@@ -64,12 +64,12 @@ impl Viewer {
         }
     }
 
-    /// Where what is to be drawn goes.
+    /// The queue of frames to be drawn.
     pub(super) fn inbox(&self) -> Arc<Inbox<ViewFrame>> {
         Arc::clone(&self.inbox)
     }
 
-    /// Draws what is left. A viewer that went away is noted, and harms nothing.
+    /// Waits until the remaining frames are drawn. If the viewer is gone, that is only noted.
     pub(super) fn end(self, output: &Output) {
         self.ending.store(true, Ordering::Relaxed);
         self.inbox.wake();
@@ -90,14 +90,14 @@ impl Viewer {
     }
 }
 
-/// Connects to the viewer, which turns to where the arm stands with all joints at 0.
+/// Connects to the viewer; its first view is of the arm with all joints at 0.
 fn connect(url: &str, mut scene: Scene, drawer: &Drawer) -> Result<Recording<'static>, ViewError> {
     let at_zero = vec![0.0; drawer.arm.robot.n_joints()];
     scene.world_from_link = drawer.hulls.poses(&drawer.arm, &at_zero).unwrap_or_default();
     Recording::to_viewer(url, &scene)
 }
 
-/// Draws what is seen.
+/// Draws the frames of the session.
 struct Drawer {
     arm: Arc<Arm>,
     hulls: Hulls,
@@ -130,7 +130,7 @@ impl Drawer {
                 recording.touch(&touches.to_string(), sample, time_s)
             }
             What::Arm { q, contacts, torques } => {
-                // The mapper has refused positions that are not the arm's already.
+                // The mapper has already refused positions that do not fit the arm.
                 let Ok(poses) = self.hulls.poses(&self.arm, q) else { return Ok(()) };
                 let torque = torques.as_ref();
                 let torque = torque.map(|(measured, predicted)| Torque { measured, predicted });

@@ -11,7 +11,7 @@ use plotters::style::{Color, IntoFont, RGBColor, ShapeStyle, TextStyle, WHITE};
 
 /// Where a picture is drawn.
 pub(super) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-/// Drawing into memory fails only if plotters does.
+/// Result of drawing; drawing into memory fails only on an error within plotters.
 pub(super) type Drawn = Result<(), Box<dyn std::error::Error>>;
 
 pub(super) const INK: RGBColor = RGBColor(40, 44, 52);
@@ -48,8 +48,8 @@ pub(super) fn mesh<'a, 'b, 'c>(
     mesh
 }
 
-/// Names of lines, or of areas if their style is filled, one beside the other; of each also how much
-/// room it takes, px.
+/// Draws a legend in one row: name, style (filled for an area, else for a line) and width, px, of each
+/// entry.
 pub(super) fn legend<'a>(
     area: &Area<'_>,
     entries: impl IntoIterator<Item = (&'a str, ShapeStyle, i32)>,

@@ -10,7 +10,7 @@ use super::draw::{INK, LEGEND_HEIGHT, legend, mesh, svg, text};
 const SIZE: (u32, u32) = (1000, 460);
 const TORQUE: RGBColor = RGBColor(169, 174, 184);
 
-/// Draws a touch; a name above it says which.
+/// Draws a touch, with its name above.
 ///
 /// The error of predicting zero is the size of the torque, one curve for both.
 pub(crate) fn errors(touch: &LeftOut) -> Result<String, String> {
@@ -52,12 +52,12 @@ pub(crate) fn errors(touch: &LeftOut) -> Result<String, String> {
     })
 }
 
-/// Whether a touch's time is a frame number, for want of a clock.
+/// Whether a touch's time is the frame number, because its log has no clock.
 pub(crate) fn counted(touch: &LeftOut) -> bool {
     touch.time_s.iter().enumerate().all(|(frame, &time)| time == frame as f64)
 }
 
-/// ‖a − b‖₂ of every frame; a frame that is empty counts as zero.
+/// ‖a − b‖₂ of every frame; an empty vector counts as zero.
 fn norms(a: &[Vec<f64>], b: &[Vec<f64>]) -> Vec<f64> {
     let norm = |(a, b): (&Vec<f64>, &Vec<f64>)| {
         let b = b.iter().chain(std::iter::repeat(&0.0));

@@ -1,6 +1,6 @@
-//! A field from the front, the side and above: of each line of sight, the stiffest touched cell.
+//! A field from the front, the side and above: the stiffest touched cell on each line of sight.
 //!
-//! Cells that were never touched are not shown: what is expected of them is no finding.
+//! Cells that were never touched are not shown: they have only a prior.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use plotters::style::Color;
 use super::draw::{Area, Drawn, mesh, svg, text};
 use super::scale::Scale;
 
-/// What each view shows to the right and upwards: axes x, y, z as 0, 1, 2.
+/// Name of each view, its axis to the right and its axis up: x, y, z as 0, 1, 2.
 const VIEWS: [(&str, usize, usize); 3] =
     [("front (along x)", 1, 2), ("side (along y)", 0, 2), ("top (along z)", 0, 1)];
 const AXES: [&str; 3] = ["x [m]", "y [m]", "z [m]"];
@@ -52,7 +52,7 @@ pub(crate) fn field(field: &Field) -> Result<String, String> {
     })
 }
 
-/// What is shown, and in which frame and colours.
+/// The cells that are shown, the box around them, and the colours.
 struct Scene<'a> {
     lattice: &'a Lattice,
     /// The touched cells, and the stiffness of each, N/m.

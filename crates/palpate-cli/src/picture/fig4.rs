@@ -1,8 +1,8 @@
 //! The paper's Fig. 4: the stiff part of a field with the arm that touched it, beside the cloud that a
 //! camera sees, coloured by the stiffness that was extrapolated to it.
 //!
-//! Both are seen from the same place and to the same scale. Points and arm are pixels within the
-//! SVG, letters and the colour bar are not.
+//! Both have the same view and the same scale. Points and arm are pixel images within the SVG, letters
+//! and the colour bar are not.
 
 use indicatif::HumanCount;
 use nalgebra::Isometry3;
@@ -16,28 +16,29 @@ use super::view::{Frame, View};
 use crate::extrapolation_view::ExtrapolationView;
 use crate::hull::Hulls;
 
-/// Height of what is seen, px, before labels.
+/// Height of the panels, px, without labels.
 const HEIGHT: f64 = 560.0;
-/// Width of the left and of the right panel, px, at most.
+/// Largest width of the left and of the right panel, px.
 const WIDTHS: [f64; 2] = [700.0, 520.0];
-/// Pixels of the panels along one of the picture's.
+/// Pixels of the images in the panels per pixel of the picture, along each side.
 const PIXELS: f64 = 1.6;
 const EDGE: i32 = 14;
 const HEAD: i32 = 56;
 const FOOT: i32 = 52;
 const BAR_WIDTH: i32 = 110;
-/// Arms drawn, at most: more of them hide each other.
+/// Largest number of arms drawn: more of them would hide each other.
 const ARMS: usize = 5;
 const ARM: [u8; 3] = [150, 164, 186];
 const ARM_ALPHA: f32 = 0.24;
 
-/// Draws a field and what it says of a cloud.
+/// Draws a field, and the cloud to which it was extrapolated.
 ///
-/// Left are the touched cells of at least a stiffness, N/m; without one, [`ExtrapolationView::threshold_n_per_m`].
+/// The left panel has the touched cells whose stiffness is at least the threshold, N/m, which is
+/// [`ExtrapolationView::threshold_n_per_m`] if not given.
 ///
 /// # Errors
 ///
-/// If the joint positions are not the arm's.
+/// If the joint positions do not fit the arm.
 pub(crate) fn fig4(
     seen: &ExtrapolationView<'_>,
     threshold_n_per_m: Option<f64>,
@@ -64,7 +65,7 @@ pub(crate) fn fig4(
     };
     let images = image(&figure.touched(left), EDGE, left_px)
         + &image(&figure.cloud(right), second, right_px);
-    // Behind the letters, before the white ground.
+    // Behind the letters, in front of the white background.
     let ground = drawn.find("/>").map_or(0, |at| at + 2);
     Ok([&drawn[..ground], "\n", &images, &drawn[ground..]].concat())
 }
@@ -73,7 +74,7 @@ fn area_height(area: &Area<'_>) -> i32 {
     area.dim_in_pixel().1 as i32
 }
 
-/// What is shown, from where, and in which colours.
+/// What is shown, from which direction, and in which colours.
 struct Figure<'a> {
     seen: &'a ExtrapolationView<'a>,
     threshold_n_per_m: f64,
@@ -104,7 +105,8 @@ impl<'a> Figure<'a> {
         Ok(figure)
     }
 
-    /// Left the stiff cells, the cloud, and as much of the arms as there is room for; right the cloud.
+    /// The frame of the left panel, with the stiff cells, the cloud and as much of the arms as fits; and that of the
+    /// right panel, with the cloud.
     fn panels(&self) -> [Frame; 2] {
         let points = Frame::around(self.seen.points.iter().map(|point| self.view.seen(point)));
         let stiff = Frame::around(self.stiff().map(|(point, _)| self.view.seen(&point)));
@@ -124,7 +126,7 @@ impl<'a> Figure<'a> {
         [left, Frame { low: [cloud.low[0], heights[0]], high: [cloud.high[0], heights[1]] }]
     }
 
-    /// Where a point is in the pixels of a panel.
+    /// Position of a point of the view in the pixels of a panel.
     fn pixel(&self, panel: &Frame, [x, y, near]: [f64; 3]) -> [f64; 3] {
         let px_per_m = self.px_per_m * PIXELS;
         [x - panel.low[0], panel.high[1] - y, near].map(|side| side * px_per_m)
@@ -168,7 +170,7 @@ impl<'a> Figure<'a> {
     /// The cloud, coloured by stiffness.
     fn cloud(&self, panel: Frame) -> Raster {
         let mut raster = self.raster(&panel);
-        // Dots that just about close the gaps between them, were the points spread over the panel.
+        // If the points were spread evenly over the panel, these dots would about fill it.
         let [width, height] = panel.size().map(|side| side * self.px_per_m * PIXELS);
         let apart = (width * height / self.seen.points.len().max(1) as f64).sqrt();
         let radius = (0.5 * apart).clamp(0.8, 6.0);
@@ -209,7 +211,7 @@ impl<'a> Figure<'a> {
         Ok(())
     }
 
-    /// A length to compare with, which holds in both panels.
+    /// Draws a scale bar, which is valid in both panels.
     fn length(&self, area: &Area<'_>, [x, y]: [i32; 2]) -> Drawn {
         let rounds = [1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01];
         let length_m = rounds.into_iter().find(|m| m * self.px_per_m < 130.0).unwrap_or(0.01);
@@ -220,7 +222,7 @@ impl<'a> Figure<'a> {
         Ok(area.draw(&Text::new(format!("{} cm", 100.0 * length_m), (end + 8, y), beside))?)
     }
 
-    /// Which way x, y and z go.
+    /// Draws the directions of x, y and z.
     fn axes(&self, area: &Area<'_>, [x, y]: [i32; 2]) -> Drawn {
         let centred = text(13).pos(Pos::new(HPos::Center, VPos::Center));
         for (name, axis) in ["x", "y", "z"].into_iter().zip([[1, 0, 0], [0, 1, 0], [0, 0, 1]]) {
@@ -238,7 +240,7 @@ mod tests {
     use super::*;
     use crate::extrapolation_view::tests::Example;
 
-    /// The pictures within, and the words.
+    /// The images within an SVG, and the rest of it.
     fn parts(svg: &str) -> (Vec<&str>, String) {
         let images = svg.lines().filter(|line| line.starts_with("<image")).collect();
         let words = svg.lines().filter(|line| !line.starts_with("<image"));

@@ -1,7 +1,7 @@
 //! Files of pictures: SVG as it was drawn, or PNG at twice its size.
 //!
-//! The letters of a PNG come from the font that is compiled in, whatever the machine has, so that
-//! the same picture has the same bytes everywhere. It is Noto Sans, under the SIL Open Font
+//! The letters of a PNG come from a font that is compiled in, not from the fonts of the machine, so
+//! that the same picture has the same bytes everywhere. It is Noto Sans, under the SIL Open Font
 //! Licence, which the `notosans` crate ships beside it.
 
 use std::path::Path;
@@ -9,11 +9,11 @@ use std::path::Path;
 use crate::error::CliError;
 use crate::place;
 
-/// Pixels of a PNG along one of the SVG.
+/// Pixels of a PNG per pixel of the SVG, along each side.
 #[cfg(feature = "full")]
 const SCALE: f32 = 2.0;
 
-/// What a file of a picture looks like.
+/// Format of the file of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Format {
     Svg,
@@ -21,7 +21,7 @@ pub(crate) enum Format {
 }
 
 impl Format {
-    /// The format that a file's name asks for.
+    /// The format that belongs to a file's ending.
     pub(crate) fn of(path: &Path) -> Result<Self, CliError> {
         let format = place::format_of(path, "picture", &[("svg", Self::Svg), ("png", Self::Png)])?;
         if format == Self::Png && !cfg!(feature = "full") {
@@ -69,7 +69,7 @@ mod tests {
 
     use super::*;
 
-    /// Size, and how many pixels are dark.
+    /// Size of a picture, and its number of dark pixels.
     fn looked_at(png: &[u8]) -> ((u32, u32), usize) {
         let pixels = Pixmap::decode_png(png).unwrap();
         let dark = pixels.pixels().iter().filter(|pixel| pixel.red() < 100).count();
@@ -99,8 +99,8 @@ mod tests {
         };
         let (size, blank) = looked_at(&png(&svg("")).unwrap());
         assert_eq!((size, blank), ((600, 120), 0));
-        // Each letter that our pictures use beyond ASCII has a glyph: one that is not there would
-        // look like the one that nobody has.
+        // Each letter beyond ASCII in our pictures has a glyph: a missing one would look like
+        // U+E123, which no font has.
         let ink = |letter: char| looked_at(&png(&svg(&letter.to_string())).unwrap()).1;
         let missing = ink('\u{e123}');
         for letter in ['K', 'τ', '|', '·', '≥', '−', '²', 'ä'] {

@@ -1,9 +1,9 @@
 //! Pictures, as SVG that needs no font of this machine.
 //!
 //! [`torques()`] shows predicted and measured torques, [`field()`] the field from three
-//! sides, [`errors()`] how wrong every method was during a touch, [`fig4()`] the field beside the
+//! sides, [`errors()`] the error of every method during a touch, [`fig4()`] the field beside the
 //! camera's cloud that it was extrapolated to. They return the file's text; [`Format`] writes it, or
-//! turns it into a PNG, with letters that the command brings along.
+//! converts it to a PNG, with a font that is compiled in.
 
 mod draw;
 mod errors;

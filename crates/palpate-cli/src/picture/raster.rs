@@ -1,35 +1,35 @@
-//! Balls and translucent solids painted into pixels, where the near hides the far.
+//! Paints balls and translucent solids into pixels, with a depth buffer.
 //!
-//! Tens of thousands of circles make a vector file that no reader opens gladly; pixels stay small
-//! however many there are. Places are in pixels: to the right, down, and towards the eye. It is
-//! painted at twice the size of the picture that comes out, so that edges are smooth.
+//! A vector file with tens of thousands of circles opens slowly; a pixel image stays small whatever
+//! their number. Positions are in pixels: to the right, down, and towards the eye. Painting is done
+//! at twice the size of the resulting picture, so that edges are smooth.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use palpate_work::quantile::extremes;
 
-/// Pixels painted along one of the picture.
+/// Painted pixels per pixel of the picture, along each side.
 const FINE: usize = 2;
-/// How dark the deepest crease is, 1 being black.
+/// Largest darkening by [`Raster::crease`]: 1 would be black.
 const CREASE: f32 = 0.6;
-/// Light from the left, above and the eye, which is how drawings are lit.
+/// Direction to the light: from the upper left and the eye, as usual in drawings.
 const LIGHT: [f64; 3] = [-0.43, -0.52, 0.74];
-/// Radius of the smallest ball with light and shade, in painted pixels.
+/// Radius of the smallest ball that is shaded, in painted pixels.
 const SHADED: f64 = 5.0;
 const NOTHING: f32 = f32::NEG_INFINITY;
 
 type Rgb = [u8; 3];
 
-/// A picture in the making, white at first.
+/// A picture that is being painted, white at first.
 pub(super) struct Raster {
     width: usize,
     height: usize,
     rgb: Vec<Rgb>,
-    /// How near what is painted is.
+    /// Depth of the painted pixels, towards the eye.
     depth: Vec<f32>,
 }
 
-/// One solid, opaque to itself, before it is laid over a picture as glass.
+/// One solid, whose near faces hide its far ones, before it is blended over a picture like glass.
 pub(super) struct Glass {
     width: usize,
     depth: Vec<f32>,
@@ -37,14 +37,15 @@ pub(super) struct Glass {
 }
 
 impl Raster {
-    /// A picture of a size in its own pixels; all that is painted has `FINE` times as many.
+    /// A picture of a size, in pixels of the result; painting uses `FINE` times as many along each
+    /// side.
     pub(super) fn new([width, height]: [u32; 2]) -> Self {
         let [width, height] = [width, height].map(|side| FINE * side.max(1) as usize);
         let n = width * height;
         Self { width, height, rgb: vec![[255; 3]; n], depth: vec![NOTHING; n] }
     }
 
-    /// Paints a lit ball; one that is too small for light and shade is a flat dot.
+    /// Paints a shaded ball; one that is smaller than `SHADED` is a flat dot.
     pub(super) fn ball(&mut self, at: [f64; 3], radius: f64, colour: Rgb) {
         let ([x, y, z], radius) = (at.map(|side| side * FINE as f64), radius * FINE as f64);
         for row in pixels(y - radius, y + radius, self.height) {
@@ -62,9 +63,9 @@ impl Raster {
         }
     }
 
-    /// Darkens what lies close behind something nearer: without it a cloud has no depth.
+    /// Darkens pixels beside something nearer, so that a cloud shows its depth.
     ///
-    /// `deep` is the step in depth whose foot is darkest.
+    /// `deep` is the step in depth that darkens most, px; larger ones darken as much.
     pub(super) fn crease(&mut self, deep: f64) {
         let (reach, deep) = (FINE as isize, (deep * FINE as f64) as f32);
         let around: Vec<(isize, isize)> = [(1, 0), (0, 1), (1, 1), (1, -1)]
@@ -89,14 +90,14 @@ impl Raster {
         }
     }
 
-    /// A solid of glass for this picture.
+    /// An empty solid for this picture.
     pub(super) fn glass(&self) -> Glass {
         let n = self.rgb.len();
         Glass { width: self.width, depth: vec![NOTHING; n], light: vec![0.0; n] }
     }
 
-    /// Lays a solid over what is farther than it; `alpha` of what is seen is its own colour, more
-    /// at its outline.
+    /// Blends a solid over everything farther than it; `alpha` is the weight of its own colour,
+    /// which is larger at its outline.
     pub(super) fn lay(&mut self, glass: &Glass, colour: Rgb, alpha: f32) {
         for pixel in 0..self.rgb.len() {
             if glass.depth[pixel] <= self.depth[pixel] {
@@ -111,7 +112,7 @@ impl Raster {
         }
     }
 
-    /// The picture as a PNG that an SVG can hold.
+    /// The picture as a PNG in a data URI, for an SVG.
     pub(super) fn data_uri(&self) -> String {
         let (width, height) = (self.width / FINE, self.height / FINE);
         let mean = |pixel: usize, part: usize| -> u8 {
@@ -119,7 +120,7 @@ impl Raster {
             let fine = (0..FINE * FINE).map(|n| first + n / FINE * self.width + n % FINE);
             let sum: usize = fine.map(|fine| usize::from(self.rgb[fine][part])).sum();
             let mean = (sum / (FINE * FINE)) as u8;
-            // Six bits, of which white is still white: no eye misses the rest, and files do.
+            // Six bits per colour make smaller files without visible loss; white stays white.
             mean & !3 | mean >> 6
         };
         let bytes: Vec<u8> = (0..3 * width * height).map(|at| mean(at / 3, at % 3)).collect();
@@ -135,7 +136,7 @@ impl Raster {
 }
 
 impl Glass {
-    /// Paints a flat triangle, `out` being its outward direction; one that faces away is not seen.
+    /// Paints a flat triangle with outward normal `out`; one that faces away is not painted.
     pub(super) fn triangle(&mut self, corners: [[f64; 3]; 3], out: [f64; 3]) {
         let [a, b, c] = corners.map(|corner| corner.map(|side| side * FINE as f64));
         let twice = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
@@ -161,7 +162,7 @@ impl Glass {
         }
     }
 
-    /// Whether a pixel is the last one of the solid, on any side.
+    /// Whether a neighbour of a pixel is outside of the solid.
     fn outline(&self, pixel: usize) -> bool {
         let aside = [pixel.wrapping_sub(1), pixel + 1];
         let above = [pixel.wrapping_sub(self.width), pixel + self.width];
@@ -170,13 +171,13 @@ impl Glass {
     }
 }
 
-/// How bright a surface that faces a direction is.
+/// Brightness of a surface with outward normal `out`.
 fn lit(out: [f64; 3]) -> f32 {
     let facing: f64 = out.iter().zip(LIGHT).map(|(out, light)| out * light).sum();
     (0.68 + 0.32 * facing.max(0.0)) as f32
 }
 
-/// The pixels between two places of which some lie in the picture.
+/// The pixels of the picture between two positions; the picture has `n`.
 fn pixels(from: f64, to: f64, n: usize) -> std::ops::Range<usize> {
     (from.floor().max(0.0) as usize).min(n)..(to.ceil().max(0.0) as usize).min(n)
 }

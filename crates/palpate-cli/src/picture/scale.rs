@@ -1,4 +1,4 @@
-//! Stiffness as colours, over powers of ten, and the bar that says which is which.
+//! Logarithmic colours for stiffness, and their colour bar.
 
 use plotters::element::{PathElement, Rectangle, Text};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -6,15 +6,15 @@ use plotters::style::{Color, RGBColor};
 
 use super::draw::{Area, Drawn, INK, text};
 
-/// Powers of ten that a scale spans unless its ends are given.
+/// Number of decades of a scale whose ends are not given.
 const DECADES: f64 = 2.5;
 const SOFT: RGBColor = RGBColor(226, 228, 232);
 
-/// Which colour a stiffness has.
+/// The colour of every stiffness.
 pub(super) struct Scale {
-    /// Stiffness at the foot of the colour bar, N/m.
+    /// Stiffness at the lower end of the colour bar, N/m.
     start: f64,
-    /// Powers of ten from foot to top.
+    /// Number of decades from the lower to the upper end.
     decades: f64,
 }
 
@@ -35,7 +35,7 @@ impl Scale {
         if stiffness < self.start { SOFT } else { viridis(self.part(stiffness)) }
     }
 
-    /// Where on the bar a stiffness is: 0 at its foot, 1 at its top.
+    /// Position of a stiffness on the bar: 0 at the lower end, 1 at the upper end.
     fn part(&self, stiffness: f64) -> f64 {
         (stiffness / self.start).log10() / self.decades
     }

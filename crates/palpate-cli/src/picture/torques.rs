@@ -1,4 +1,5 @@
-//! Predicted and measured torque over the frames: one row a touch, its norm and every joint.
+//! Predicted and measured torque over the frames: one row for each touch, with its norm and every
+//! joint.
 
 use std::ops::Range;
 
@@ -17,7 +18,7 @@ const MEASURED: RGBColor = INK;
 const PREDICTED: RGBColor = RGBColor(0, 114, 178);
 const ERROR: RGBColor = RGBColor(213, 94, 0);
 
-/// Draws all touches; `against` says what the predictions are held against.
+/// Draws all touches; `against` says what the predictions are compared with.
 pub(crate) fn torques(results: &[TouchResult], against: Against) -> Result<String, String> {
     let rows = results.len().max(1) as u32;
     svg((WIDTH, LEGEND_HEIGHT + rows * ROW_HEIGHT), |area| {

@@ -1,14 +1,16 @@
-//! An oblique view without perspective, z up: one scale everywhere, so that a length can be shown.
+//! An oblique view without perspective, z up: the scale is the same everywhere, so that a scale bar
+//! can be drawn.
 
 use nalgebra::{Point3, Vector3};
 
-/// How far above the horizon the eye is.
+/// Elevation of the eye above the horizon.
 const ELEVATION_RAD: f64 = 0.30;
-/// How far the eye stands aside of the line from the robot to the object. From the robot's side
-/// its arm would hide what it touches; from beside, nothing would be seen of what it faces.
+/// Azimuth of the eye, measured from the direction from the object to the robot. At zero the arm
+/// would hide the object; at a right angle the side of the object that faces the robot would not be
+/// seen.
 const ASIDE_RAD: f64 = 1.0;
 
-/// Where one looks from: unit vectors in the world frame.
+/// A viewing direction, as unit vectors in the world frame.
 pub(crate) struct View {
     right: Vector3<f64>,
     up: Vector3<f64>,
@@ -17,7 +19,8 @@ pub(crate) struct View {
 }
 
 impl View {
-    /// From the robot's side at what is around `middle`, which the robot at the origin faces.
+    /// The view from the robot's side of an object around `middle`; the robot is at the origin and
+    /// faces it.
     pub(crate) fn of(middle: &Point3<f64>) -> Self {
         let back = (-middle.y).atan2(-middle.x);
         let around = if middle.x.hypot(middle.y) > 1e-6 { back + ASIDE_RAD } else { -ASIDE_RAD };
@@ -27,23 +30,23 @@ impl View {
         Self { right, up: towards.cross(&right), towards }
     }
 
-    /// Where the eye is, as a unit vector from the object, world frame.
+    /// Unit vector from the object to the eye, world frame.
     pub(crate) fn towards(&self) -> Vector3<f64> {
         self.towards
     }
 
-    /// To the right, up and towards the eye, m.
+    /// Coordinates of a point to the right, up and towards the eye, m.
     pub(super) fn seen(&self, point: &Point3<f64>) -> [f64; 3] {
         self.turned(&point.coords)
     }
 
-    /// A direction as the eye has it: to the right, up and towards it.
+    /// Components of a direction to the right, up and towards the eye.
     pub(super) fn turned(&self, direction: &Vector3<f64>) -> [f64; 3] {
         [self.right, self.up, self.towards].map(|axis| axis.dot(direction))
     }
 }
 
-/// The part of the view that is shown, m.
+/// A rectangle of the view: to the right and up, m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Frame {
     pub(super) low: [f64; 2],
@@ -51,7 +54,7 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    /// What holds all points; `None` if there is none.
+    /// The smallest rectangle around all points; `None` if there is no point.
     pub(super) fn around(points: impl Iterator<Item = [f64; 3]>) -> Option<Self> {
         points.fold(None, |frame: Option<Self>, [x, y, _]| {
             let frame = frame.unwrap_or(Self { low: [x, y], high: [x, y] });
@@ -60,7 +63,7 @@ impl Frame {
         })
     }
 
-    /// What holds both.
+    /// The smallest rectangle around both.
     pub(super) fn and(self, other: Self) -> Self {
         let low = [0, 1].map(|axis| self.low[axis].min(other.low[axis]));
         Self { low, high: [0, 1].map(|axis| self.high[axis].max(other.high[axis])) }
@@ -72,7 +75,7 @@ impl Frame {
         Self { low: [low[0] - across, low[1] - up], high: [high[0] + across, high[1] + up] }
     }
 
-    /// What lies within another, which it must touch.
+    /// The part within another rectangle; the two must overlap.
     pub(super) fn within(self, other: Self) -> Self {
         let low = [0, 1].map(|axis| self.low[axis].max(other.low[axis]));
         Self { low, high: [0, 1].map(|axis| self.high[axis].min(other.high[axis])) }

@@ -12,17 +12,17 @@ use palpate_work::predict::{FrameResult, TouchResult};
 use crate::error::CliError;
 use crate::{csv, place};
 
-/// What a file of torques looks like.
+/// Format of a file of torques.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Format {
-    /// One row a frame.
+    /// One row for each frame.
     Csv,
-    /// Arrays `<touch>/predicted` and so on, `<touch>#2/…` for a second touch of that name.
+    /// Arrays `<touch>/predicted` and so on; `<touch>#2/…` for a second touch with the same name.
     Npz,
 }
 
 impl Format {
-    /// The format that a file's name asks for.
+    /// The format that belongs to a file's ending.
     pub(super) fn of(path: &Path) -> Result<Self, CliError> {
         place::format_of(path, "table of torques", &[("csv", Self::Csv), ("npz", Self::Npz)])
     }

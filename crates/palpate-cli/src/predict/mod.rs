@@ -29,12 +29,12 @@ const NOTES: &str = "Examples:
   palpate predict field.npz plant_a/ --truth --picture torques.svg -o torques.csv
 
 Errors are those of the paper's Table I: the error of a frame is |predicted - measured| over all
-joints, in N·m; the relative error is that over |measured|, on frames of at least 1 N·m. Scored are
-the frames from the tare on. `overall` pools the frames of all touches. Beside them stands the
-error of predicting zero: a field with a larger one is worse than none.
+joints, in N·m; the relative error is that divided by |measured|, on frames of at least 1 N·m. Frames
+after the tare are scored. `overall` pools the frames of all touches. The error of predicting zero is
+given for comparison: a field with a larger error is worse than none.
 
-Lattice, contact model and the meaning of the logged torques are the field's own. Flags and a
-settings file may change the robot, the log's format and the torques' meaning for this log; other
+Lattice, contact model and torque convention (sign, gravity, tare) are those of the field. Flags and a
+settings file may change the robot, the log's format and the torque convention for this log; other
 sections of a settings file are not used here.
 
 --json prints {\"touches\": [{\"name\", \"frames\", avg_error, max_error, avg_relative, max_relative,
@@ -45,17 +45,17 @@ reaches 1 N·m; `frames` are those scored.";
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = NOTES)]
 pub(crate) struct Args {
-    /// The field to ask
+    /// The field that predicts
     #[arg(value_name = "FIELD.npz")]
     field: PathBuf,
     /// Logs of the motions to predict
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<PathBuf>,
-    /// Score against truth/ beside the touches, which simulated logs have, not against what was
-    /// measured
+    /// Score against the true torques in truth/ beside the touches, which simulated logs have, instead of
+    /// the measured ones
     #[arg(long)]
     truth: bool,
-    /// Where the torques of all frames go, predicted and measured
+    /// Output file of the predicted and measured torques of all frames
     #[arg(long, short, value_name = "FILE.csv|FILE.npz")]
     output: Option<PathBuf>,
     /// Draw predicted and measured torques
@@ -69,7 +69,7 @@ pub(crate) struct Args {
 }
 
 impl Args {
-    /// Refuses results that cannot be written, or would replace what is read or each other.
+    /// Refuses outputs that cannot be written, or would replace an input or another output.
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
         let mut places = Places::read(&self.settings, settings, &self.logs);
         places.input("the field", Some(&self.field));
@@ -101,7 +101,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if args.json { output.json(&report) } else { output.result(&text(&report)) }
 }
 
-/// Opens logs that are held against a field, with their arm and what their torques mean.
+/// Opens logs that are compared with a field; also returns their arm and torque convention.
 pub(crate) fn open_beside(
     saved: &Saved,
     logs: &[PathBuf],

@@ -1,4 +1,4 @@
-//! The four figures of Table I, per touch and over all frames, for people.
+//! The four errors of Table I, per touch and over all frames, as text.
 
 use palpate_learn::bands::{CLASSES, Coverage};
 use palpate_work::scored::{Figures, Report, Row};
@@ -16,7 +16,7 @@ fn cells(row: &Row) -> Vec<String> {
     cells
 }
 
-/// A table for people.
+/// The report as text.
 pub(crate) fn text(report: &Report) -> String {
     let against = report.against.word();
     let mut text = format!(
@@ -37,7 +37,7 @@ pub(crate) fn text(report: &Report) -> String {
     text
 }
 
-/// How often bands contained the torque, and how wide they are.
+/// Coverage and width of bands as text, which begins with `of`.
 pub(crate) fn bands(of: &str, coverage: &Coverage) -> String {
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);
     let classes = CLASSES.iter().zip(coverage.classes).filter_map(|(class, own)| {

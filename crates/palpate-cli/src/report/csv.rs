@@ -1,11 +1,11 @@
-//! Table I touch by touch, as a table for programs.
+//! Table I for each touch, as CSV.
 
 use palpate_learn::evaluation::Evaluation;
 use palpate_work::scored::Figures;
 
 use crate::csv;
 
-/// One row a method and touch: the four figures, empty where a touch has none.
+/// One row for each method and touch: the four errors, empty if a touch has none.
 pub(crate) fn errors_csv(evaluation: &Evaluation) -> String {
     let head = ["method", "touch", "avg_error", "max_error", "avg_relative", "max_relative"];
     let mut rows = vec![head.map(str::to_owned).to_vec()];

@@ -1,6 +1,7 @@
 //! The curves and the scene as the JSON that `report.js` draws.
 //!
-//! Numbers travel as [`packed`] says. What is not finite becomes `null`, a gap in its curve.
+//! Numbers have the formats of `packed`. A number that is not finite becomes `null`, a gap in its
+//! curve.
 
 use palpate_learn::evaluation::{Evaluation, LeftOut};
 use plotters::style::RGBColor;
@@ -13,7 +14,7 @@ use super::packed::PER_ONE;
 use super::scene::Scene;
 use super::table::subject;
 
-/// Torques travel as thousandths of N·m.
+/// Torques are integers, in thousandths of N·m.
 const PER_TORQUE: f64 = 1e3;
 
 /// Everything that is drawn.
@@ -22,14 +23,16 @@ pub(super) struct Data<'a> {
     joints: &'a [String],
     against: &'a str,
     methods: Vec<&'a str>,
-    /// Of each, as in the pictures.
+    /// Colour of each method, as in the pictures.
     colours: Vec<String>,
-    /// The method that is chosen at first.
+    /// Number of the method that is selected at first.
     subject: usize,
     per_torque: f64,
     per_one: f64,
-    /// By method, if it has bands: their level, and how often bands of all levels held the torque.
+    /// By method, if it has bands: their level.
     level: Vec<Option<f64>>,
+    /// By method, if it has bands: pairs of a level and the share of torques within bands of this
+    /// level.
     by_level: Vec<Option<&'a [[f64; 2]]>>,
     touches: Vec<Touch<'a>>,
     scene: Option<&'a Scene>,
@@ -38,18 +41,19 @@ pub(super) struct Data<'a> {
 #[derive(Serialize)]
 struct Touch<'a> {
     name: &'a str,
-    /// Frames of the touch, and which of them are drawn: every so many.
+    /// Number of frames of the touch.
     frames: usize,
+    /// Every n-th frame is drawn.
     every: usize,
-    /// Whether its time is a frame number, for want of a clock.
+    /// Whether `time` is the frame number, because the log has no clock.
     counted: bool,
     time: Vec<f64>,
     contacts: Vec<u32>,
-    /// By joint.
+    /// By joint and frame.
     external: Vec<Vec<Option<i64>>>,
-    /// By method and joint.
+    /// By method, joint and frame.
     predicted: Vec<Vec<Vec<Option<i64>>>>,
-    /// Half-widths of bands, by method, if it has any, and joint.
+    /// Half-widths of bands by method, joint and frame; `None` for a method without bands.
     half_width: Vec<Option<Vec<Vec<Option<i64>>>>>,
 }
 

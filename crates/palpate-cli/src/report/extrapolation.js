@@ -6,12 +6,12 @@ const seen = places(cloud.points);
 const colours = cloud.stiffness.map((_, at) => `#${cloud.colours.slice(6 * at, 6 * at + 6)}`);
 const touched = Array.from(cloud.touched, Number);
 
-/** Power of ten at the top of the stiffness colours, and how many there are down to their foot. */
+/** Decimal logarithm of the stiffness at the top of the colour bar, and the number of decades below it. */
 const range = [Math.log10(data.range[1]), Math.log10(data.range[1] / data.range[0])];
 
 // Left: the field and the arm.
 
-/** The arm's poses that are drawn: one touch's, or all of them. */
+/** The poses of the arm that are drawn: that of the chosen touch, or those of all touches. */
 const poses = () => {
   const all = scene.poses.map((frames) => frames[0]);
   return chosen("arm") < all.length ? [all[chosen("arm")]] : all;
@@ -24,7 +24,7 @@ function arm(shown) {
   return mesh({ x: along("x"), y: along("y"), z: along("z") }, shown.length, { opacity, color: "#9aa5b5" });
 }
 
-/** Both plots have the same axes, so that a place is where it is in the other. */
+/** The axes, the same for both plots, so that a point has the same position in both. */
 const axes = (plot) => axesAround([pointsFrom(0), seen], plot);
 
 function drawField() {
@@ -101,21 +101,21 @@ function updateCaptions() {
     `${colourings[chosen("colouring")].said}.`;
 }
 
-/** Where the slider is at a stiffness. */
+/** Position of the slider for a stiffness, in percent. */
 function percentOf(stiffness) {
   const decades = Math.log10(Math.max(stiffness, 1e-9) / stiffest());
   return Math.max(0, Math.min(100, Math.round(100 * (1 + decades / DECADES))));
 }
 
-/** The camera of a plot as it is now; its layout has the one of the last time that the mouse let go of it. */
+/** The current camera of a plot; its layout only has the camera of the last time that the mouse was released. */
 function cameraOf(plot) {
   return byId(plot)._fullLayout.scene._scene.getCamera();
 }
 
-/** Plots that were just given the view of the other, which is not to be given back. */
+/** Plots whose view was just copied from the other plot: it must not be copied back. */
 const given = new Set();
 
-/** Gives a plot the view of the other once that is at rest: it glides on when the mouse has let go of it. */
+/** Copies the view of plot `from` to plot `to` once it is at rest: it moves on after the mouse is released. */
 function takeView(from, to, before) {
   const camera = cameraOf(from);
   const apart = (a, b) => Math.hypot(a.eye.x - b.eye.x, a.eye.y - b.eye.y, a.eye.z - b.eye.z);
@@ -128,7 +128,7 @@ function takeView(from, to, before) {
   }
 }
 
-/** One plot turns with the other. */
+/** Makes plot `to` turn with plot `from`. */
 function turnTogether(from, to) {
   byId(from).on("plotly_relayout", (change) => {
     if (change["scene.camera"] && !given.delete(from)) {

@@ -1,4 +1,4 @@
-//! The page of an extrapolation: Fig. 4, to be turned, beside its figures and settings.
+//! The page of an extrapolation: an interactive Fig. 4, with its numbers and settings.
 
 use askama::Template;
 use serde::Serialize;
@@ -9,9 +9,9 @@ use super::scene::Scene;
 use crate::extrapolation_view::{ExtrapolationView, Table, reached_by};
 use crate::picture;
 
-/// Points of the cloud that are drawn, at most: with more, a browser turns them slowly.
+/// Largest number of drawn points of the cloud: with more, a browser rotates them slowly.
 const POINTS: usize = 30_000;
-/// Part of the cloud that is beyond the colours of the uncertainty.
+/// Share of the cloud's points whose standard deviation is above the top of its colour bar.
 const BEYOND: f64 = 0.02;
 
 /// The page.
@@ -30,11 +30,11 @@ pub(crate) struct ExtrapolationPage<'a> {
 #[derive(Serialize)]
 struct Data<'a> {
     per_one: f64,
-    /// The threshold at first, N/m.
+    /// Initial threshold of the stiffness, N/m.
     threshold: f64,
-    /// Stiffness at the ends of the colours, N/m.
+    /// Stiffness at the ends of the colour bar, N/m.
     range: [f64; 2],
-    /// Where one looks from at first.
+    /// Initial direction from the object to the eye: a unit vector.
     eye: [f64; 3],
     scene: &'a Scene,
     cloud: Cloud,
@@ -43,23 +43,24 @@ struct Data<'a> {
 /// The points of the cloud that are drawn.
 #[derive(Serialize)]
 struct Cloud {
-    /// Points of the whole cloud.
+    /// Number of points of the whole cloud.
     all: usize,
-    /// x, y, z in turn.
+    /// x, y, z of each point, in tenths of a millimetre.
     points: Vec<i64>,
-    /// Six hexadecimal digits each, one text for all.
+    /// Six hexadecimal digits for each point, in one text.
     colours: String,
-    /// N/m.
+    /// Stiffness of each point, N/m.
     stiffness: Vec<f64>,
+    /// Standard deviation of each stiffness, N/m.
     std: Vec<f64>,
-    /// What is on top of the colour bar of the latter, N/m.
+    /// Standard deviation at the top of its colour bar, N/m.
     std_top: f64,
-    /// `1` or `0` each, one text for all.
+    /// `1` for each touched point, else `0`, in one text.
     touched: String,
 }
 
 impl ExtrapolationPage<'_> {
-    /// What is drawn.
+    /// The JSON data of the figures.
     fn data(&self) -> Data<'_> {
         Data {
             per_one: PER_ONE,
@@ -107,7 +108,7 @@ mod tests {
         assert_eq!((thinned.all, thinned.stiffness.len()), (100_000, POINTS));
         assert_eq!((thinned.points.len(), thinned.colours.len()), (3 * POINTS, 6 * POINTS));
         assert_eq!(thinned.touched.len(), POINTS);
-        // The example goes from pole to pole: its upper half stays a half.
+        // The points go in order from pole to pole: the upper half keeps half of them.
         let upper = thinned.points.iter().skip(2).step_by(3).filter(|&&z| z > 5_000).count();
         assert!(upper.abs_diff(POINTS / 2) < POINTS / 1_000, "{upper}");
         assert_eq!(cloud(0).stiffness.len(), 0);

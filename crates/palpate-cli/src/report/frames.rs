@@ -1,25 +1,26 @@
-//! Which frames of a touch a page draws: long touches lose frames, evenly, since a screen has no room
-//! for more.
+//! Which frames of a touch a page draws: long touches are thinned evenly, since a screen cannot show
+//! more.
 
 use palpate_learn::evaluation::Evaluation;
 
-/// Frames drawn of a touch, and of all touches together.
+/// Largest number of frames drawn of a touch.
 const FRAMES: usize = 400;
+/// Largest number of frames drawn of all touches together, as long as each has [`FRAMES_AT_LEAST`].
 const FRAMES_IN_ALL: usize = 5_000;
-/// However many touches there are, a touch keeps these.
+/// Number of frames that a touch keeps even if there are many touches.
 const FRAMES_AT_LEAST: usize = 40;
 
-/// How many frames of each touch are drawn at most.
+/// Largest number of frames drawn of each touch.
 pub(super) fn frames_per_touch(evaluation: &Evaluation) -> usize {
     (FRAMES_IN_ALL / evaluation.touches.len().max(1)).clamp(FRAMES_AT_LEAST, FRAMES)
 }
 
-/// The frames drawn of a touch that has `frames`.
+/// The frames drawn of a touch that has this number of `frames`.
 pub(super) fn drawn(frames: usize, at_most: usize) -> impl Iterator<Item = usize> {
     (0..frames).step_by(stride(frames, at_most))
 }
 
-/// Every how many frames one is drawn.
+/// The number n such that every n-th frame is drawn.
 pub(super) fn stride(frames: usize, at_most: usize) -> usize {
     frames.div_ceil(at_most).max(1)
 }

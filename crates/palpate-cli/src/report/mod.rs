@@ -1,12 +1,13 @@
-//! Pages for readers, each one HTML file that opens without a network.
+//! HTML pages, each a single file that opens without a network.
 //!
-//! [`Report`] is that of an evaluation: [`table`] words what was found, [`data`] gathers the curves
-//! for the figures, [`Scene`] the field and the arm that moves before it; its part of the page is
-//! `report.html` with `report.js`. [`ExtrapolationPage`] is Fig. 4, to be turned:
-//! `extrapolation.html` and `.js`. Both share the [`page`] around them (`page.html`, `report.css`,
-//! `shared.js`) and how numbers are [`packed`]; plotly.js draws. The HTML are templates of askama,
-//! which makes all text safe that is not marked as such. Everything is inlined, and the pages
-//! forbid themselves to load anything else. [`errors_csv`] is Table I touch by touch, for programs.
+//! [`Report`] is the page of an evaluation: [`table`] has its table and sentences, [`data`] the
+//! curves of the figures, [`Scene`] the field and the moving arm; its template is `report.html`
+//! with `report.js`. [`ExtrapolationPage`] is an interactive Fig. 4: `extrapolation.html` and
+//! `.js`. Both share the [`page`] around them (`page.html`, `report.css`, `shared.js`) and the
+//! number formats of [`packed`]; plotly.js draws. The HTML files are templates of askama, which
+//! escapes all text that is not marked as safe. Everything is inlined, and the content security
+//! policy of the pages forbids loading anything else. [`errors_csv`] is Table I for each touch, as
+//! CSV.
 
 mod csv;
 mod data;
@@ -34,19 +35,19 @@ pub(crate) use scene::Scene;
 #[template(path = "report.html")]
 pub(crate) struct Report<'a> {
     pub(crate) page: Page<'a>,
-    /// What was found.
+    /// The evaluation that is shown.
     pub(crate) evaluation: &'a Evaluation,
-    /// The field and the arm, if they are to be shown.
+    /// The field and the arm, if they are shown.
     pub(crate) scene: Option<Scene>,
 }
 
 impl Report<'_> {
-    /// What is drawn.
+    /// The JSON data of the figures.
     fn data(&self) -> Data<'_> {
         Data::of(self.evaluation, self.scene.as_ref())
     }
 
-    /// Frames of all touches.
+    /// Number of frames of all touches.
     fn frames(&self) -> usize {
         self.evaluation.touches.iter().map(|touch| touch.time_s.len()).sum()
     }

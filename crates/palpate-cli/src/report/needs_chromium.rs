@@ -1,4 +1,4 @@
-//! The pages as a reader meets them: opened from a file in a headless Chromium, and used.
+//! Tests of the pages as a reader uses them: opened from a file in a headless Chromium.
 
 mod chromium;
 mod extrapolation;
@@ -60,7 +60,7 @@ impl Page {
         assert!(came, "never came: {condition}; {:#?}", self.complaints());
     }
 
-    /// Whether a condition comes to hold within a time.
+    /// Whether a condition becomes true within a time.
     fn comes(&self, condition: &str, within: Duration) -> bool {
         let end = within.as_millis();
         let promise = format!(
@@ -92,8 +92,8 @@ impl Page {
         self.until(&format!("{eye}.z > 1.4"));
         self.ask("document.querySelector('[data-view=oblique]').click()");
         self.until(&format!("{eye}.z < 1.0"));
-        // On a busy machine the page may still move, and what the buttons began end only now and set the
-        // view back, in the other plot too.
+        // On a busy machine the page may still move, and the motion that the buttons started may end only
+        // now and reset the view, in the other plot too.
         let place = format!(
             "(() => {{ const canvas = document.querySelector('#{plot} canvas'); \
              canvas.scrollIntoView({{block: 'center', behavior: 'instant'}}); \
@@ -122,7 +122,7 @@ impl Page {
         assert!(turned, "the mouse never turned {plot}, at {there}; {:#?}", self.complaints());
     }
 
-    /// How many colours a plot in space shows.
+    /// Number of colours that a 3-D plot shows.
     fn colours(&self, plot: &str) -> f64 {
         self.number(&format!(
             "(() => {{ const gl = document.querySelector('#{plot} canvas'); const copy = \
@@ -138,7 +138,7 @@ impl Page {
         self.tab.events(complaint)
     }
 
-    /// Nothing in the console, and nothing asked for that is not here.
+    /// Asserts that the console has no errors and that only local files were requested.
     fn nothing_was_wrong(&self) {
         let complaints = self.complaints();
         assert!(complaints.is_empty(), "{complaints:#?}");
@@ -154,12 +154,12 @@ impl Page {
     }
 }
 
-/// Where a plot in space is seen from.
+/// The expression for the eye of a 3-D plot.
 fn eye(plot: &str) -> String {
     format!("document.getElementById('{plot}')._fullLayout.scene._scene.getCamera().eye")
 }
 
-/// What an event complains of, if it does.
+/// The error that an event reports, if any.
 fn complaint(event: &str, of: &Value) -> Option<String> {
     match event {
         "Runtime.exceptionThrown" => Some(of["exceptionDetails"].to_string()),

@@ -1,12 +1,12 @@
-//! Numbers of the pages as JSON: integers of a small unit, which take half the bytes of decimal
-//! fractions, and decimals of four digits where the range is wide.
+//! Compact numbers for the JSON of the pages: integers in a small unit, which take half the bytes
+//! of decimal fractions, and numbers of four significant digits where the range is wide.
 
 use nalgebra::{Isometry3, Point3};
 
-/// Units of the integers in one, or in a metre.
+/// The integer that stands for 1, or for 1 m.
 pub(super) const PER_ONE: f64 = 1e4;
 
-/// A number's first four digits.
+/// The number rounded to four significant digits.
 pub(super) fn four_digits(number: f64) -> f64 {
     format!("{number:.3e}").parse().expect("a number is written as one")
 }
@@ -16,7 +16,7 @@ pub(super) fn tenths(point: &Point3<f64>) -> [i64; 3] {
     [0, 1, 2].map(|axis| (point[axis] * PER_ONE).round() as i64)
 }
 
-/// A pose in seven numbers, which is 5 less than a matrix has.
+/// A pose as position in tenths of a millimetre, then the quaternion i, j, k, w times [`PER_ONE`].
 pub(super) fn seven(pose: &Isometry3<f64>) -> [i64; 7] {
     let [x, y, z] = tenths(&pose.translation.vector.into());
     let turn = pose.rotation.coords.map(|part| (part * PER_ONE).round() as i64);

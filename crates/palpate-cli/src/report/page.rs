@@ -2,21 +2,22 @@
 
 use plotly::Plot;
 
-/// What every page says beside its figures.
+/// Content of every page besides its figures.
 pub(crate) struct Page<'a> {
     pub(crate) title: &'a str,
-    /// Whether the touches come from a simulator, which the page then says.
+    /// Whether the touches come from a simulator; the page then says so.
     pub(crate) simulated: bool,
-    /// Where the data come from: logs, robot; a name and a text each.
+    /// Origin of the data, such as logs and robot: name and text of each entry.
     pub(crate) card: Vec<(&'static str, String)>,
     /// The settings, as TOML.
     pub(crate) settings_toml: &'a str,
 }
 
 impl Page<'_> {
-    /// plotly.js in its script element.
+    /// The script element with plotly.js.
     ///
-    /// The crate hands out MathJax behind it, 2 MB that a page without formulas does not need.
+    /// The crate appends MathJax, which is cut off: 2 MB that a page without formulas does not
+    /// need.
     pub(super) fn plotly_js() -> String {
         let mut sources = Plot::offline_js_sources();
         let end = "</script>";
@@ -26,7 +27,7 @@ impl Page<'_> {
         sources
     }
 
-    /// The version that plotly.js gives itself at its head.
+    /// The version of plotly.js, from the comment at its start.
     pub(super) fn plotly_version() -> String {
         let source = Self::plotly_js();
         let version = source.split_once("plotly.js v").and_then(|(_, rest)| rest.lines().next());

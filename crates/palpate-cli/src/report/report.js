@@ -1,5 +1,5 @@
-// Draws the figures of the report from the JSON beside it. What the numbers mean is said in
-// data.rs; nothing is computed here but errors, which are norms.
+// Draws the figures of the report from the JSON beside it. data.rs describes the numbers; only
+// errors, which are norms, are computed here.
 
 const DASHES = { ekf: "dash", uniform: "dot", knn: "dashdot" };
 
@@ -183,7 +183,7 @@ function drawContacts() {
     layout({
       margin: { l: 56, r: 56, t: 12, b: 48 },
       xaxis: axis(timeTitle()),
-      // The error lies over the contacts, hence its axis over theirs.
+      // The error is drawn over the contacts, so its axis must overlay theirs.
       yaxis: axis("error [N·m]", { rangemode: "tozero", overlaying: "y2", showgrid: false }),
       yaxis2: axis("contacts [points]", { rangemode: "tozero", side: "right" }),
       shapes: marker(),
@@ -196,7 +196,7 @@ function drawContacts() {
 
 const poses = () => data.scene.poses[chosen("touch")]?.[chosen("frame")] ?? [];
 
-/** The field, and the arm wherever a touch takes it. */
+/** All points that the axes must contain: the field, and the arm in some frames of every touch. */
 function everywhere() {
   const arms = data.scene.poses.flatMap((frames) => {
     const step = Math.max(1, Math.floor(frames.length / 8));
@@ -205,7 +205,7 @@ function everywhere() {
   return [pointsFrom(0), ...arms];
 }
 
-/** The elastic body at the chosen frame: lines of wood, middles of leaves. */
+/** The elastic body at the chosen frame: lines of wood, midpoints of leaves. */
 function bodyNow() {
   const { joined_to, every, frames } = data.scene.body;
   const touch = frames[chosen("touch")] ?? [];
@@ -279,7 +279,7 @@ function updateCaptions() {
 
 function chooseTouch() {
   if (data.scene) {
-    // The arm is shown where it pushes hardest.
+    // The arm is first shown in the frame with the largest torque.
     const size = norms(touch().external);
     byId("frame").max = Math.max(0, touch().time.length - 1);
     byId("frame").value = Math.max(0, size.indexOf(Math.max(...size)));

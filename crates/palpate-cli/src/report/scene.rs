@@ -1,4 +1,4 @@
-//! The field and the arm that moves before it, small enough to travel in a page.
+//! The field and the moving arm, as compact data for a page.
 
 use std::sync::Arc;
 
@@ -19,46 +19,46 @@ use crate::output::Output;
 use super::frames::{drawn, frames_per_touch, stride};
 use super::packed::{four_digits, seven, tenths};
 
-/// The stiffest cells of a field, so many at most.
+/// Largest number of cells shown: the stiffest ones.
 const POINTS: usize = 20_000;
-/// Frames of an elastic body, in all touches together.
+/// Number of frames in which an elastic body is shown, in all touches together, at most about this.
 const BODY_FRAMES: usize = 800;
-/// Points of a cloud at most.
+/// Largest number of points shown of a cloud.
 const CLOUD_POINTS: usize = 4_000;
 /// A segment that starts this close to the end of another is joined to it, m.
 const JOINED_M: f64 = 1e-3;
 
-/// What the 3-D view shows, in the numbers of [`super::packed`].
+/// The data of the 3-D view, in the number formats of [`super::packed`].
 #[derive(Serialize)]
 pub(crate) struct Scene {
-    /// The stiffest cells, softest first: x, y, z in turn.
+    /// The stiffest cells in increasing order of stiffness: x, y, z of each.
     points: Vec<i64>,
-    /// K of each, N/m.
+    /// Stiffness of each, N/m.
     stiffness: Vec<f64>,
-    /// Touched cells of the field, shown or not.
+    /// Number of touched cells of the field, shown or not.
     cells: usize,
     /// Edge of a cell, m.
     spacing: f64,
     /// The links that have a surface.
     hulls: Vec<Link>,
-    /// By touch and drawn frame; of each hull seven numbers: x, y, z, then i, j, k, w of the
+    /// By touch and drawn frame: for each hull seven numbers, x, y, z, then i, j, k, w of the
     /// quaternion.
     poses: Vec<Vec<Vec<i64>>>,
     /// The elastic body, if there is one.
     body: Option<Body>,
 }
 
-/// An elastic body, as lines of wood or blocks and middles of leaves.
+/// An elastic body: segments of wood or blocks as lines, leaves as their midpoints.
 #[derive(Serialize)]
 struct Body {
-    /// By segment of wood: the segment of wood at whose end it starts, -1 if its own start is given.
+    /// For each segment of wood, the number of the one at whose end it starts; -1 if `frames` has its start.
     joined_to: Vec<i64>,
-    /// The body is there for every n-th drawn frame.
+    /// `frames` has every n-th drawn frame.
     every: usize,
-    /// By touch and frame: of each segment of wood its start, unless it is joined, and its end; then the
-    /// middles of the leaves.
+    /// By touch and frame: for each segment of wood its start, unless it is joined, and its end; then the
+    /// midpoints of the leaves.
     frames: Vec<Vec<Vec<i64>>>,
-    /// Some points of the cloud that it was made from.
+    /// Points of the cloud that the body was made from, thinned evenly: x, y, z of each.
     cloud: Vec<i64>,
     /// Their colours, as CSS has them.
     colours: Vec<String>,
@@ -90,7 +90,7 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// On being stopped.
+    /// If joint positions do not fit the arm, or on Ctrl-C.
     pub(crate) fn bending<'e>(
         mut self,
         (arm, field): (&Arc<Arm>, &Field),
@@ -139,7 +139,7 @@ impl Scene {
             vertices: vertices_m.iter().flat_map(tenths).collect(),
             triangles,
         };
-        // Cells that were only expected to be stiff are no finding.
+        // Cells that were never touched have only a prior: they are not shown.
         let mut stiffest: Vec<usize> = field.touched_rows().collect();
         let cells = stiffest.len();
         let stiffness = |&row: &usize| field.stiffness_n_per_m[row];

@@ -1,10 +1,10 @@
-// What the pages share: the JSON beside the script, how plots look, and the field and the arm in
-// space. What the numbers mean is said in data.rs and packed.rs.
+// Shared by the pages: the JSON beside the script, how plots look, and the field and the arm in 3-D.
+// data.rs and packed.rs describe the numbers.
 "use strict";
 
 const byId = (id) => document.getElementById(id);
 const data = JSON.parse(byId("data").textContent);
-/** The number that a control of the page stands at. */
+/** The value of a control of the page, a number. */
 const chosen = (id) => Number(byId(id).value);
 
 const INK = "#22262e";
@@ -29,13 +29,13 @@ const layout = (more) => ({
   legend: { orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom" },
   ...more,
 });
-/** The layout of a plot in space. */
+/** The layout of a 3-D plot. */
 const space = (scene) =>
   layout({ margin: { l: 0, r: 0, t: 0, b: 0 }, hovermode: "closest", showlegend: false, scene });
 
-/** A number that travelled as a whole one. */
+/** Converts an integer of the JSON back to a number. */
 const unpacked = (whole) => whole / data.per_one;
-/** The view of the picture for papers, from as near as shows the whole box. */
+/** The view of the picture for papers, at the smallest distance that shows the whole box. */
 const nearer = ([x, y, z]) => ({ x: 1.8 * x, y: 1.8 * y, z: 1.8 * z });
 const eyes = {
   oblique: { x: 0.97, y: -1.31, z: 0.56 },
@@ -45,18 +45,18 @@ const eyes = {
   ...(data.eye ? { oblique: nearer(data.eye) } : {}),
 };
 
-/** A camera from which the whole box is seen, in a narrow plot from farther away. */
+/** A camera that sees the whole box; in a narrow plot it is farther away. */
 function camera(view, plot) {
   const { clientWidth, clientHeight } = byId(plot);
   // Plots side by side are higher than wide, and their boxes narrow.
   const fill = data.eye ? 0.95 : 1.12;
   const farther = Math.max(1, (fill * clientHeight) / Math.max(clientWidth, 1));
   const { x, y, z } = eyes[view];
-  // Looking a little below the middle leaves room for what stands beside the lower axes.
+  // Looking a little below the middle leaves room for the labels of the lower axes.
   return { eye: { x: farther * x, y: farther * y, z: farther * z }, center: { x: 0, y: 0, z: -0.08 } };
 }
 
-/** Vertices of all hulls under their poses: what moves when the arm does. */
+/** Vertices of all hulls in the world frame, m, for their poses. */
 function armAt(poses) {
   const [x, y, z] = [[], [], []];
   data.scene.hulls.forEach(({ vertices }, hull) => {
@@ -74,7 +74,7 @@ function armAt(poses) {
   return { x, y, z };
 }
 
-/** Corners of all hulls' triangles, counted through, for so many arms one after the other. */
+/** Vertex numbers of the triangles of all hulls, for this number of arms one after the other. */
 function triangles(arms) {
   const corners = { i: [], j: [], k: [] };
   let first = 0;
@@ -104,7 +104,7 @@ const mesh = (vertices, arms, more) => ({
   ...more,
 });
 
-/** Places in a row of whole numbers, three each, from one of them on. */
+/** Points from a list of integers, three for each point, from point number `first` on. */
 const places = (points, first = 0) => {
   const along = (side) =>
     Array.from({ length: points.length / 3 - first }, (_, at) => unpacked(points[3 * (at + first) + side]));
@@ -112,29 +112,29 @@ const places = (points, first = 0) => {
 };
 
 const stiffest = () => Math.max(data.scene.stiffness.at(-1) ?? 1, 1e-6);
-/** The stiffness at which the slider stands; at its left end even the softest is shown. */
+/** The stiffness that the slider selects, N/m; 0 at its left end, where all points are shown. */
 function threshold() {
   const percent = chosen("threshold");
   return percent === 0 ? 0 : stiffest() * 10 ** (DECADES * (percent / 100 - 1));
 }
 
-/** How many points of the field are not softer than a threshold. */
+/** Number of points of the field that are at least as stiff as a threshold. */
 const countFrom = (threshold) => data.scene.stiffness.filter((k) => k >= threshold).length;
 
-/** Those points: the last, since the softest come first. */
+/** The points that are at least as stiff as a threshold: the last ones, since the softest come first. */
 function pointsFrom(threshold) {
   const first = data.scene.stiffness.length - countFrom(threshold);
   return { ...places(data.scene.points, first), stiffness: data.scene.stiffness.slice(first) };
 }
 
-/** Says beside the slider where it stands. */
+/** Shows the selected threshold beside the slider. */
 function showThreshold() {
   const shown = countFrom(threshold());
   const least = threshold() === 0 ? "none" : `${Number(threshold().toPrecision(3))} N/m`;
   byId("threshold-shown").textContent = `${least} (${counted(shown)} shown)`;
 }
 
-/** Says below a plot of the field and the arm what is drawn. */
+/** Writes the caption of a plot of the field and the arm. */
 function showFieldCaption(caption, arm) {
   const { cells, stiffness, spacing } = data.scene;
   const part = stiffness.length < cells ? `the stiffest ${counted(stiffness.length)} of ` : "";
@@ -150,7 +150,7 @@ function showFieldCaption(caption, arm) {
 
 const logs = (numbers) => numbers.map((number) => Math.log10(Math.max(number, 1e-9)));
 
-/** Axes that hold all places, one scale along all three. */
+/** Axes that contain all points, with the same scale along all three. */
 function axesAround(clouds, plot) {
   const low = [Infinity, Infinity, Infinity];
   const high = [-Infinity, -Infinity, -Infinity];
@@ -190,7 +190,7 @@ function axesAround(clouds, plot) {
   };
 }
 
-/** Round numbers for a colour bar whose top is a power of ten, so many powers above its foot. */
+/** Round tick values for a colour bar from 10^(top − decades) to 10^top. */
 function ticks(top, decades) {
   const values = [];
   for (let decade = Math.floor(top - decades); decade <= top; decade += 1) {
@@ -211,7 +211,7 @@ const bar = (title, more) => ({
   ...more,
 });
 
-/** A colouring by numbers of a wide range, up to a power of ten, so many powers from its foot. */
+/** Logarithmic colours for numbers from 10^(top − decades) to 10^top. */
 const logarithmic = (numbers, title, colorscale, top, decades = DECADES) => ({
   color: logs(numbers),
   cmin: top - decades,
@@ -221,7 +221,7 @@ const logarithmic = (numbers, title, colorscale, top, decades = DECADES) => ({
   colorbar: bar(title, ticks(top, decades)),
 });
 
-/** The field's points, coloured up to a power of ten, so many powers from its foot. */
+/** The plot of the field's points, with colours from 10^(top − decades) to 10^top. */
 const cellsTrace = (points, top, decades) => ({
   type: "scatter3d",
   mode: "markers",
@@ -235,7 +235,7 @@ const cellsTrace = (points, top, decades) => ({
   marker: { size: 3.2, ...logarithmic(points.stiffness, "K [N/m]", "Viridis", top, decades) },
 });
 
-/** Lets the slider hide soft points of the field, which are a plot's second trace. */
+/** Makes the slider hide soft points of the field, which are the second trace of the plot. */
 function listenToThreshold(plot) {
   const filter = paced(() => {
     const { x, y, z, stiffness } = pointsFrom(threshold());
@@ -254,7 +254,7 @@ function options(select, names, picked) {
   select.replaceChildren(...names.map((name, at) => new Option(name, at, false, at === picked)));
 }
 
-/** At most one redrawing a screen frame, however fast a slider moves. */
+/** Limits redrawing to once per screen frame, however fast a slider moves. */
 function paced(draw) {
   let waiting = false;
   return () => {
@@ -267,7 +267,7 @@ function paced(draw) {
   };
 }
 
-/** Lets the buttons of the page turn plots. */
+/** Makes the buttons of the page set the view of plots. */
 function listenToViews(...plots) {
   document.querySelectorAll("[data-view]").forEach((button) =>
     button.addEventListener("click", () => {

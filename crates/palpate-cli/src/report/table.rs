@@ -1,4 +1,4 @@
-//! Table I in words and HTML: the verdict, the rows, the paper's ratio, touches to be wary of.
+//! Table I as HTML and sentences: a one-line verdict, the rows, the paper's ratio, unusual touches.
 
 use std::fmt::Write;
 
@@ -10,7 +10,7 @@ use palpate_learn::method::Method;
 /// A column of the table.
 type Figure = fn(&Summary) -> Option<MeanStd>;
 
-/// What a method is, for readers who do not know its name.
+/// A short description of a method.
 pub(super) fn gloss(method: &str) -> &'static str {
     match method {
         "elastic" => "elastic body, and map for the rest of the torque",
@@ -38,7 +38,7 @@ fn is_learnt(method: &Summary) -> bool {
     Method::ALL.iter().find(named).is_some_and(|method| method.is_learnt_baseline())
 }
 
-/// One line: how large the error is, and beside what.
+/// One line: the error of the report's method, and for comparison those of the best baseline and of zero.
 pub(super) fn verdict(evaluation: &Evaluation) -> String {
     let Some(subject) = subject(evaluation).map(|index| &evaluation.methods[index]) else {
         return "No method was evaluated.".to_owned();
@@ -118,7 +118,7 @@ pub(super) fn beside_the_paper(evaluation: &Evaluation) -> String {
     format!("<p>{ours}</p>\n<p>{theirs}</p>")
 }
 
-/// Touches without relative error, and touches on which no map would have been better.
+/// Remarks on touches without a score or relative error, and on those predicted worse than by zero.
 pub(super) fn remarks(evaluation: &Evaluation) -> Vec<String> {
     let Some(subject) = subject(evaluation) else { return Vec::new() };
     let method = &evaluation.methods[subject].name;
@@ -144,13 +144,13 @@ pub(super) fn remarks(evaluation: &Evaluation) -> Vec<String> {
     remarks
 }
 
-/// Names of some touches, one after the other.
+/// Names of the touches that `which` selects, separated by commas.
 fn names(touches: &[LeftOut], which: impl Fn(&LeftOut) -> bool) -> String {
     let names = touches.iter().filter(|touch| which(touch)).map(|touch| touch.name.as_str());
     names.collect::<Vec<_>>().join(", ")
 }
 
-/// By how much a touch is predicted worse than by zero, if it is, and why.
+/// If a touch is predicted worse than by zero: its name, by how much, and why.
 fn worse(touch: &LeftOut, method: &str) -> Option<String> {
     let (error, zero) = (touch.errors(method)?.avg_error, touch.zero()?.avg_error);
     (error > zero).then(|| {

@@ -1,8 +1,8 @@
 //! `palpate view`: the arm, its contacts, the field and the torques in the Rerun viewer.
 //!
-//! The flags are always there, and what they do needs the feature `viewer`: without it, the command
-//! says how to get it. [`args`] has the flags, [`show`] is the command; [`play`] follows the touches
-//! and shows each sample; [`scene`] is what stays as it is; [`to`] is where the recording goes.
+//! The flags always exist, but the command needs the feature `viewer`: without it, it says how to get
+//! it. [`args`] has the flags, [`show`] is the command; [`play`] processes the touches and shows each
+//! sample; [`scene`] is the constant part; [`to`] is where the recording goes.
 
 mod args;
 #[cfg(feature = "viewer")]

@@ -1,4 +1,4 @@
-//! Touches played sample by sample: followed by a field or learnt from, and shown.
+//! Plays touches sample by sample: each sample is predicted by a field, or learnt, and shown.
 
 use std::collections::VecDeque;
 use std::fmt::Write;
@@ -19,14 +19,14 @@ use crate::output::Output;
 use super::args::Args;
 use super::to::failed;
 
-/// Between the end of a touch and the start of the next, s.
+/// Time between the end of a touch and the start of the next in a recording, s.
 const PAUSE_S: f64 = 1.0;
 
-/// What says the torques of a sample.
+/// What predicts the torques of a sample.
 pub(super) enum Follower {
-    /// Learns from each sample after it has said what it expects.
+    /// Predicts each sample, then learns it.
     Mapper(Box<Mapper>),
-    /// Asks a field.
+    /// Predicts each sample with a field.
     Predictor(Box<Predictor>),
 }
 
@@ -68,21 +68,21 @@ impl Follower {
     }
 }
 
-/// What was played.
+/// Summary of what was played.
 #[derive(Debug, Default, Serialize)]
 pub(super) struct Played {
     touches: u64,
     samples: u64,
     samples_shown: u64,
     contacts_largest: usize,
-    /// Of the predicted torques against the measured ones.
+    /// Errors of the predicted torques against the measured ones.
     errors: Option<Errors>,
-    /// The same of predicting zero.
+    /// Errors of predicting zero.
     zero: Option<Errors>,
 }
 
 impl Played {
-    /// A few lines for people.
+    /// The summary as a few lines of text.
     pub(super) fn text(&self) -> String {
         let Self { touches, samples, samples_shown, contacts_largest, .. } = self;
         let mut text = format!(
@@ -100,14 +100,14 @@ impl Played {
     }
 }
 
-/// The time of a recording, in which touches follow each other whatever their own clocks say.
+/// The time of a recording, in which touches follow each other whatever the times in their logs.
 #[derive(Debug, Default)]
 struct Clock {
-    /// Clock of the touch under way at its first sample, s.
+    /// Logged time of the first sample of the current touch, s.
     first_s: Option<f64>,
-    /// When that was in the recording, s.
+    /// Time of that sample in the recording, s.
     began_s: f64,
-    /// The latest time so far, s.
+    /// The latest time in the recording so far, s.
     now_s: f64,
 }
 
@@ -127,15 +127,15 @@ impl Clock {
     }
 }
 
-/// Logs under way.
+/// Plays logs.
 pub(super) struct Player {
     follower: Follower,
     pub(super) touches: Touches,
-    /// What was read before the playing began.
+    /// Events that were read before playing began.
     ahead: VecDeque<TouchEvent>,
-    /// Whether the logs say when a sample was taken.
+    /// Whether the samples have times.
     pub(super) timed: bool,
-    /// Log and name of the touch that was begun last.
+    /// Log and name of the current touch.
     under_way: Option<(PathBuf, String)>,
     clock: Clock,
     played: Played,
@@ -143,7 +143,7 @@ pub(super) struct Player {
 }
 
 impl Player {
-    /// Reads as far as the first sample.
+    /// Reads up to the first sample.
     pub(super) fn new(follower: Follower, mut touches: Touches) -> Result<Self, CliError> {
         let mut ahead = VecDeque::new();
         while !matches!(ahead.back(), Some(TouchEvent::Sample(_))) {
@@ -173,7 +173,7 @@ impl Player {
         }
     }
 
-    /// Plays everything until Ctrl-C.
+    /// Plays all touches; Ctrl-C is an error.
     pub(super) fn play(
         &mut self,
         recording: &mut Recording<'_>,
@@ -210,7 +210,7 @@ impl Player {
         Ok(played)
     }
 
-    /// Follows a sample, and shows it if it is its turn.
+    /// Predicts or learns a sample, and shows every `args.every`-th.
     fn sample(
         &mut self,
         sample: &Sample,
@@ -253,7 +253,7 @@ impl Player {
         Ok(())
     }
 
-    /// Shows the field so far, if it grows.
+    /// Shows the field so far, if it is being learnt.
     fn show_field(
         &self,
         recording: &mut Recording<'_>,
@@ -268,7 +268,7 @@ impl Player {
         }
     }
 
-    /// Ends the touch that is under way, if any is, and shows what it has taught.
+    /// Ends the current touch, if there is one, and shows the field learnt so far.
     fn end_touch(&mut self, recording: &mut Recording<'_>) -> Result<(), CliError> {
         let Some((log, name)) = &self.under_way else { return Ok(()) };
         let place = || format!("touch `{name}`");

@@ -1,11 +1,11 @@
-//! What stays as it is throughout a recording: the arm's links, and the words beside them.
+//! The constant part of a recording: the arm's links, and the text beside them.
 
 use palpate::{Arm, Lattice};
 use palpate_view::Scene;
 
 use crate::hull::Hulls;
 
-/// The arm and the words of a recording of this name, without clock and torques.
+/// The arm and the text of a recording with this name, without clock and torques.
 pub(crate) fn scene(
     (arm, hulls): (&Arm, &Hulls),
     lattice: &Lattice,
@@ -24,8 +24,8 @@ pub(crate) fn scene(
     }
 }
 
-/// What a reader of a recording must know, in Markdown: what is shown, and, if torques are, where
-/// the expected ones come from.
+/// The explanation of a recording, in Markdown: what is `shown`, and, if torques are shown, what
+/// the `expected` ones are.
 pub(crate) fn about(shown: &str, arm: &Arm, lattice: &Lattice, expected: Option<&str>) -> String {
     let robot = arm.robot.name();
     let spacing_mm = 1e3 * lattice.spacing_m();

@@ -1,4 +1,4 @@
-//! The command: what is to be shown, with what and where.
+//! The command: decides what is shown, and where.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -22,7 +22,7 @@ use super::play::{Follower, Played, Player};
 use super::scene::{about, scene};
 use super::to::{To, failed};
 
-/// What the arguments name.
+/// The field and the logs among the arguments.
 struct Named<'a> {
     field: Option<&'a Path>,
     logs: Vec<PathBuf>,
@@ -50,7 +50,7 @@ impl<'a> Named<'a> {
 }
 
 impl Args {
-    /// Refuses a place that cannot be written, or is one of those that are read.
+    /// Refuses an output that cannot be written, or is one of the inputs.
     fn check_places(&self, named: &Named<'_>, settings: &Settings) -> Result<(), CliError> {
         let Some(path) = &self.save else { return Ok(()) };
         let mut places = Places::read(&self.settings, settings, &named.logs);
@@ -96,7 +96,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     stage.print_result(&place, played.as_ref())
 }
 
-/// All that is known before anything is shown.
+/// Everything that is known before anything is shown.
 struct Stage<'a> {
     args: &'a Args,
     named: &'a Named<'a>,
@@ -107,7 +107,7 @@ struct Stage<'a> {
 }
 
 impl Stage<'_> {
-    /// Plays logs, and says where.
+    /// Plays logs; returns where the recording is, and what was played.
     fn play(&self, touches: Touches, to: To) -> Result<(String, Option<Played>), CliError> {
         let (follower, place) = self.follower()?;
         let lattice = place.0.clone();
@@ -116,7 +116,7 @@ impl Stage<'_> {
         let hulls = Hulls::of(self.arm);
         let mut scene = self.scene(&hulls, &lattice);
         (scene.clock, scene.torques) = (player.timed, true);
-        // Joint positions that are not the arm's: an error when that sample is followed.
+        // Joint positions that do not fit the arm are an error when the sample is processed.
         let first = player.first_q().and_then(|q| hulls.poses(self.arm, q).ok());
         scene.world_from_link = first.unwrap_or_default();
         logs::note_robot(self.arm, self.settings, self.output);
@@ -130,7 +130,7 @@ impl Stage<'_> {
         Ok((place, Some(played)))
     }
 
-    /// What says the torques: the field, or a mapper that starts anew; and the place of its contacts.
+    /// What predicts the torques, the field or a new mapper; and its lattice and contact model.
     fn follower(&self) -> Result<(Follower, (Lattice, ContactConfig)), CliError> {
         let arm = Arc::clone(self.arm);
         match &self.saved {
@@ -148,7 +148,7 @@ impl Stage<'_> {
         }
     }
 
-    /// Shows a field alone, and says where.
+    /// Shows a field alone; returns where the recording is.
     fn show_field(&self, saved: &Saved, to: To) -> Result<String, CliError> {
         let hulls = Hulls::of(self.arm);
         let mut scene = self.scene(&hulls, &saved.field.lattice);
@@ -176,13 +176,13 @@ impl Stage<'_> {
         Ok(to.record(&scene, |recording| show(recording).map_err(failed))?.0)
     }
 
-    /// The arm and the words, without clock and torques.
+    /// The arm and the text of the recording, without clock and torques.
     fn scene(&self, hulls: &Hulls, lattice: &Lattice) -> Scene {
         let name = self.args.what.iter().map(|path| last_part(path)).collect::<Vec<_>>().join(", ");
         scene((self.arm, hulls), lattice, name, self.about(lattice))
     }
 
-    /// What a reader of the recording must know, in Markdown.
+    /// The explanation of the recording, in Markdown.
     fn about(&self, lattice: &Lattice) -> String {
         let logs: Vec<String> =
             self.named.logs.iter().map(|log| format!("`{}`", last_part(log))).collect();

@@ -21,7 +21,7 @@ pub(super) enum To {
 }
 
 impl To {
-    /// The place that was asked for; starts a viewer if none was.
+    /// The requested destination; starts a viewer if none was requested.
     pub(super) fn of(args: &Args) -> Result<Self, CliError> {
         match (&args.save, &args.connect) {
             (Some(path), _) => Ok(Self::File(path.clone())),
@@ -30,7 +30,7 @@ impl To {
         }
     }
 
-    /// Makes the recording that `say` says; returns where it is, and what `say` does.
+    /// Makes a recording with the content that `say` writes; returns where it is, and the result of `say`.
     pub(super) fn record<T>(
         self,
         scene: &Scene,
@@ -66,13 +66,13 @@ impl To {
     }
 }
 
-/// Starts a viewer; its address.
+/// Starts a viewer and returns its address.
 pub(crate) fn started() -> Result<String, CliError> {
     let cache = CachePlace::User.folder().unwrap_or_else(std::env::temp_dir);
     viewer::start(&cache.join("viewer")).map_err(|error| could_not_start(&error))
 }
 
-/// Says everything and ends the recording.
+/// Writes all content with `say` and ends the recording.
 fn all<'out, T>(
     mut recording: Recording<'out>,
     say: impl FnOnce(&mut Recording<'_>) -> Result<T, CliError>,
@@ -82,7 +82,7 @@ fn all<'out, T>(
     Ok(said)
 }
 
-/// Why something could not be shown.
+/// The error of the command if something could not be shown.
 pub(crate) fn failed(error: ViewError) -> CliError {
     match error {
         ViewError::Write(source) => CliError::Write { what: "the recording".to_owned(), source },

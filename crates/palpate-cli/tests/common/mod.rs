@@ -76,7 +76,7 @@ impl Scene {
         npy(&self.path(name).join("torques.npy"), &[torques.len(), N], torques.as_flattened());
     }
 
-    /// The settings that make everything small.
+    /// The settings that make every command fast.
     pub(crate) fn settings(&self) -> Vec<String> {
         let robot = self.text("tiny.urdf");
         ["--robot", &robot, "--no-cache", "--bake-spacing-m", "0.01"].map(str::to_owned).to_vec()
@@ -102,7 +102,7 @@ impl Scene {
         command
     }
 
-    /// What lies in `out`.
+    /// Names of the files in `out`.
     pub(crate) fn results(&self) -> Vec<String> {
         names(&self.path("out"))
     }
@@ -135,7 +135,7 @@ pub(crate) fn npy(path: &Path, shape: &[usize], numbers: &[f64]) {
     fs::write(path, bytes).unwrap();
 }
 
-/// Waits for a condition; a deadline that no machine is too slow for ends a test that would hang.
+/// Waits for a condition; fails after a deadline that is long enough for any machine.
 #[track_caller]
 pub(crate) fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
     let deadline = Instant::now() + Duration::from_secs(180);

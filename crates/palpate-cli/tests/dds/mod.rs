@@ -20,7 +20,7 @@ pub(crate) struct Domain {
 }
 
 impl Domain {
-    /// Higher ones have ports that Linux gives to anyone.
+    /// Higher domains have ports that Linux assigns to any program.
     const LAST: u16 = 100;
 
     pub(crate) fn take() -> Self {
@@ -80,7 +80,7 @@ impl Live {
         self.folder.path().join(name)
     }
 
-    /// Goes on with a field that has learnt a touch, and so has bands.
+    /// Continues from a field that has learnt a touch, and so has bands.
     pub(crate) fn resume(domain: &Domain, arguments: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let touch = concat!(env!("CARGO_MANIFEST_DIR"), "/data/plant_a/seq_000");
@@ -102,7 +102,7 @@ impl Live {
         wait_until(words, || self.lines().contains(words));
     }
 
-    /// Waits for figures of which a condition holds.
+    /// Waits for figures that meet a condition.
     #[track_caller]
     pub(crate) fn wait_for_figures(&self, what: &str, holds: impl Fn(&Value) -> bool) {
         wait_until(what, || {
@@ -113,12 +113,12 @@ impl Live {
         });
     }
 
-    /// Waits until a checkpoint is written that is not the one of then.
+    /// Waits until a checkpoint is written that is newer than the one of the time `then`.
     pub(crate) fn wait_for_checkpoint(&self, then: Option<SystemTime>) {
         wait_until("another checkpoint", || self.written() != then);
     }
 
-    /// When the checkpoint that is there was written.
+    /// Time at which the current checkpoint was written.
     pub(crate) fn written(&self) -> Option<SystemTime> {
         Some(self.path("field.npz").metadata().ok()?.modified().unwrap())
     }
@@ -135,7 +135,7 @@ impl Live {
         self.child.wait().unwrap();
     }
 
-    /// Ends it as Ctrl-C does; the last line.
+    /// Ends the session with Ctrl-C, and returns the last line.
     pub(crate) fn end(&mut self) -> Value {
         interrupt(&self.child);
         assert!(self.child.wait().unwrap().success(), "{}", self.lines());

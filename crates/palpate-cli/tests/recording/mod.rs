@@ -1,4 +1,4 @@
-//! Synthetic logs of the built-in robot: what its sensors would say, with nothing wrong in it.
+//! Synthetic logs of the built-in robot, as its sensors would measure them, without defects.
 #![allow(dead_code)] // every test file takes what it needs
 #![allow(clippy::unwrap_used)] // clippy takes only functions marked as tests for tests
 
@@ -15,7 +15,7 @@ pub(crate) const STILL: usize = 20;
 pub(crate) const FRAMES: usize = 100;
 pub(crate) const PERIOD_S: f64 = 0.05;
 
-/// One touch, as its files hold it.
+/// The content of the files of one touch.
 #[derive(Clone)]
 pub(crate) struct Touch {
     pub(crate) time_s: Vec<f64>,
@@ -27,7 +27,7 @@ pub(crate) struct Touch {
 #[derive(Clone)]
 pub(crate) struct Maker {
     pub(crate) robot: Robot,
-    /// What gravity, contact and noise are multiplied with.
+    /// Factors of gravity, contact and noise.
     pub(crate) gravity: f64,
     pub(crate) contact: f64,
     pub(crate) noise: f64,

@@ -1,4 +1,4 @@
-//! What can be wrong with a cloud's file.
+//! Errors of files of clouds.
 
 use std::io;
 use std::path::PathBuf;
@@ -10,16 +10,16 @@ use crate::npy::NpyError;
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum CloudError {
-    /// The system refused to read.
+    /// The operating system reported an error.
     #[error("`{path}` cannot be read: {source}")]
     Io { path: PathBuf, source: io::Error },
-    /// An array of the truth that cannot be read.
+    /// An array of true values that cannot be read.
     #[error("`{path}` {source}")]
     Npy { path: PathBuf, source: NpyError },
     /// Neither of the two formats.
     #[error("`{path}` is no cloud: it begins with {found}; wanted a PLY or PCD file")]
     NotCloud { path: PathBuf, found: String },
-    /// A header that says too little, or contradicts itself.
+    /// A header that is incomplete or inconsistent.
     #[error("`{path}` has a header that cannot be used, line {line}: {reason}")]
     Header { path: PathBuf, line: usize, reason: String },
     /// A cloud without coordinates.
@@ -28,19 +28,19 @@ pub enum CloudError {
          with positions"
     )]
     NoPositions { path: PathBuf, of: &'static str, found: String },
-    /// Fewer bytes than promised.
+    /// Fewer bytes than the header says.
     #[error(
         "`{path}` is truncated: it holds {held} of the {promised} {unit} that its header promises; \
          copy it again"
     )]
     Truncated { path: PathBuf, held: u64, promised: u64, unit: String },
-    /// A number that cannot be what it is called.
+    /// An invalid number.
     #[error("`{path}`: {place} is {found}; wanted {wanted}")]
     Value { path: PathBuf, place: String, found: String, wanted: &'static str },
-    /// Nothing to see.
+    /// A cloud without finite points.
     #[error("`{path}` holds no finite point; {dropped} that are not finite were dropped")]
     Empty { path: PathBuf, dropped: usize },
-    /// Compressed bytes that do not unpack to what was promised.
+    /// Compressed data that do not unpack to the size in the header.
     #[error("`{path}` is damaged: {reason}; copy it again")]
     Damaged { path: PathBuf, reason: String },
 }

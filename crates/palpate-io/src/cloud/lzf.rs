@@ -1,14 +1,15 @@
-//! LZF, in which PCD packs its bytes: runs copied from the input, or from what was written before.
+//! Decompresses LZF, the compression of PCD: runs are copied from the input or from earlier output.
 //!
-//! A control byte below 32 is followed by that many bytes and one more, to be copied. Above, its
-//! upper three bits are a length less two (seven: one more byte is added), its lower five with the
-//! next byte how far back the copy begins, less one; a copy may run into what it writes.
+//! A control byte `c` below 32 is followed by `c + 1` bytes to copy. Otherwise, its upper three
+//! bits are the length minus 2 (if they are 7, the next byte is added), and its lower five bits
+//! with the next byte are the distance back to the start of the copy, minus 1. A copy may overlap
+//! its own output.
 
-/// Unpacks `packed` into exactly `size` bytes; an error is half a sentence.
+/// Unpacks `packed` into exactly `size` bytes; the error is the end of a message.
 ///
-/// At least 1 byte in 88 of what comes out must have come in, so that no false `size` is allocated.
+/// A `size` above 88 times the length of `packed` is impossible and refused before allocation.
 pub(super) fn unpack(packed: &[u8], size: usize) -> Result<Vec<u8>, String> {
-    // The densest code: three bytes that stand for 7 + 255 + 2 bytes.
+    // The densest code: three bytes give 7 + 255 + 2 bytes.
     if size > packed.len().saturating_mul(88) {
         return Err(format!("{} bytes cannot unpack to the promised {size}", packed.len()));
     }
@@ -52,7 +53,7 @@ mod tests {
     #[test]
     fn runs_and_copies_unpack() {
         assert_eq!(unpack(&[2, b'a', b'b', b'c'], 3).unwrap(), b"abc");
-        // "a", then 1 + 2 bytes from one back: a copy that runs into itself.
+        // "a", then a copy of 1 + 2 bytes at distance 1, which overlaps its own output.
         assert_eq!(unpack(&[0, b'a', 1 << 5, 0], 4).unwrap(), b"aaaa");
         assert_eq!(unpack(&[0, b'a', 7 << 5, 3, 0], 13).unwrap(), b"aaaaaaaaaaaaa");
     }

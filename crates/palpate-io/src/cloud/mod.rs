@@ -1,19 +1,19 @@
-//! Coloured clouds: what a camera saw of the object, as PLY or PCD.
+//! Coloured point clouds of an object, as PLY or PCD.
 //!
-//! | file            | is                                                                |
+//! | file            | content                                                           |
 //! |-----------------|-------------------------------------------------------------------|
 //! | `points`        | a cloud in memory                                                 |
-//! | `ply`, `pcd`    | a header of text that names the numbers of a row                  |
-//! | `table`         | the rows of both, in text or bytes                                |
-//! | `rows`          | which numbers of a row are a point, and which its colour          |
-//! | `lzf`           | what PCD's `binary_compressed` unpacks                            |
-//! | `write`         | the way out: points, colours, any more columns                    |
-//! | `truth`         | what a simulation knows of every point, for checking              |
+//! | `ply`, `pcd`    | the headers of the two formats, which name the numbers of a row   |
+//! | `table`         | reading of rows, as text or binary, for both formats              |
+//! | `rows`          | conversion of rows to points and colours                          |
+//! | `lzf`           | decompression of PCD's `binary_compressed`                        |
+//! | `write`         | writing of points, colours and any further columns                |
+//! | `truth`         | true values of every point of a simulation, for evaluation        |
 //!
-//! Both formats are read by code of our own, not by a library. They are one thing in two dialects,
-//! so that one decoder serves both; `ply-rs-bw` is sound but brings a parser generator and hands
-//! over each number by name, and `pcd-rs` allocates what a header claims. Nothing here is
-//! allocated before the file's own length has confirmed it.
+//! No library is used for reading. The two formats are so similar that one decoder can read both;
+//! `ply-rs-bw` needs a parser generator and returns each number by name, and `pcd-rs` allocates the
+//! size in the header. Here, sizes in a header are checked against the length of the file before
+//! memory is allocated.
 
 mod error;
 mod lzf;
@@ -37,18 +37,18 @@ pub use write::{Column, write_pcd, write_ply};
 ///
 /// The file's first bytes decide the format, not its name. Colours may be bytes, 16-bit
 /// integers or floats named `red green blue`, `r g b` or `diffuse_red …`, or PCL's packed `rgb`;
-/// all else is skipped, faces and normals among it. A cloud without colours is not refused here.
+/// everything else is skipped, also faces and normals. A cloud without colours is accepted.
 ///
 /// # Errors
 ///
-/// [`CloudError`]; whatever the bytes are, no panic, and no more memory than they fill.
+/// [`CloudError`]. No content makes it panic, or allocate memory for data that is not in the file.
 pub fn read(path: &Path) -> Result<Reading, CloudError> {
     let bytes = input::read(path, u64::MAX)
         .map_err(|source| CloudError::Io { path: path.to_owned(), source })?;
     decode(&bytes, path)
 }
 
-/// Reads a cloud from bytes; `path` is for errors only.
+/// Reads a cloud from bytes; `path` is for error messages.
 fn decode(bytes: &[u8], path: &Path) -> Result<Reading, CloudError> {
     let first_line = bytes.split(|&byte| byte == b'\n').next().unwrap_or_default();
     if first_line.trim_ascii() == b"ply" {

@@ -1,8 +1,9 @@
-//! PCD 0.7: points of the Point Cloud Library, one a row, in text, bytes or compressed bytes.
+//! Reads PCD 0.7 of the Point Cloud Library (PCL): one point per row, as text, binary or
+//! compressed.
 //!
-//! A field may count several numbers (a histogram): they are stepped over. `rgb` and `rgba` hold
-//! a colour as the bits of one number, whatever type the header gives it. Compressed files hold
-//! field after field instead of point after point. `VIEWPOINT` is not applied, as PCL does not.
+//! Fields with several numbers (a histogram) are skipped. `rgb` and `rgba` hold a colour as the
+//! bits of one number, whatever type the header gives. Compressed files are stored field by field
+//! instead of point by point. `VIEWPOINT` is not applied, as in PCL.
 
 use std::path::Path;
 
@@ -13,7 +14,7 @@ use super::rows::{Collector, Layout};
 use super::table::{Body, Format, Holds, Property, Rows, header};
 use crate::npy::Number;
 
-/// How the points are written.
+/// Encoding of the points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Data {
     Text,
@@ -25,7 +26,7 @@ enum Data {
 struct Field {
     name: String,
     kind: Number,
-    /// Numbers of this field in a row.
+    /// How many numbers this field has in a row.
     count: usize,
 }
 
@@ -70,7 +71,7 @@ fn properties(field: &Field) -> impl Iterator<Item = Property> + use<'_> {
     (0..field.count).map(move |_| Property { name: field.name.clone(), kind: field.kind, holds })
 }
 
-/// The bytes behind the two sizes that a compressed body begins with.
+/// Decompresses a body, which begins with its compressed and its uncompressed size.
 fn unpacked(body: &[u8], path: &Path) -> Result<Vec<u8>, CloudError> {
     let size = |at: usize| {
         let raw = body.get(at..).and_then(|rest| rest.first_chunk::<4>())?;
@@ -91,13 +92,14 @@ fn unpacked(body: &[u8], path: &Path) -> Result<Vec<u8>, CloudError> {
         .map_err(|reason| CloudError::Damaged { path: path.to_owned(), reason })
 }
 
-/// Bytes that stand field after field, point after point; as many whole points as there are.
+/// Reorders bytes that are stored field by field to rows, one per point. If there are fewer points
+/// than the header says, returns zeros for as many points as there are.
 fn by_rows(columns: &[u8], fields: &[Field], points: u64) -> Vec<u8> {
     let sizes = || fields.iter().map(|field| field.kind.bytes() * field.count);
     let row_bytes: usize = sizes().sum();
     let held = columns.len() / row_bytes.max(1);
-    // Where a field begins depends on the number of points. If fewer are there than promised, the
-    // walk over the rows returned here finds too few of them.
+    // The start of a field depends on the number of points. If there are too few, the number of
+    // rows returned here leads to the error when the rows are read.
     let Some(points) = usize::try_from(points).ok().filter(|&points| points <= held) else {
         return vec![0; held * row_bytes];
     };
@@ -118,7 +120,7 @@ impl Field {
     }
 }
 
-/// Lines of a header, as far as they came.
+/// The lines of a header read so far.
 #[derive(Debug, Default)]
 struct Entries {
     names: Vec<String>,
@@ -131,7 +133,7 @@ struct Entries {
 }
 
 impl Entries {
-    /// Takes a line; that of `DATA` ends the header.
+    /// Parses a line; the line `DATA` ends the header.
     fn take(&mut self, words: &[&str]) -> Result<Option<Data>, String> {
         fn numbers<T: std::str::FromStr>(words: &[&str]) -> Result<Vec<T>, String> {
             let number = |word: &&str| word.parse().map_err(|_| format!("`{word}` is no count"));
@@ -164,14 +166,14 @@ impl Entries {
         Ok(None)
     }
 
-    /// The fields and the number of points, once they fit together.
+    /// The fields and the number of points; an error if the lines do not agree.
     fn close(self) -> Result<(Vec<Field>, u64), String> {
         let n = self.names.len();
         let counts = self.counts.unwrap_or_else(|| vec![1; n]);
         if self.sizes.len() != n || self.types.len() != n || counts.len() != n {
             return Err(format!("there are {n} FIELDS, but not as many of SIZE, TYPE and COUNT"));
         }
-        // A row is bounded, so that its header can be spread out number by number.
+        // The size of a row is limited, since each number becomes a `Property`.
         if counts.iter().fold(0, |sum: usize, &count| sum.saturating_add(count)) > 65_536 {
             return Err("a row of so many numbers is not read".to_owned());
         }

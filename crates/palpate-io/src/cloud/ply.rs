@@ -1,7 +1,6 @@
-//! PLY: elements of named properties, of which `vertex` is read and the others are stepped over.
+//! Reads PLY: the element `vertex`; the elements before it are skipped.
 //!
-//! What comes after the vertices is not looked at: a mesh whose faces are cut off still has its
-//! points.
+//! Data after the vertices are not read: a mesh whose faces are truncated still gives its points.
 
 use std::path::Path;
 
@@ -11,7 +10,7 @@ use super::rows::{Collector, Layout};
 use super::table::{Body, Format, Holds, Property, Rows, header};
 use crate::npy::Number;
 
-/// Rows of one kind, and what the file calls them.
+/// The name of an element, and its rows.
 type Element = (String, Rows);
 
 /// Reads the vertices.
@@ -80,7 +79,7 @@ fn format_named(name: &str) -> Result<Format, String> {
     }
 }
 
-/// What stands behind the word `property`.
+/// Parses the words after `property`.
 fn property_named(words: &[&str]) -> Result<Property, String> {
     let (kind, name, holds) = match *words {
         ["list", length, kind, name] => (kind, name, Holds::List(kind_named(length)?)),

@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-/// Points in the world frame, each with a colour or none of them.
+/// Points in the world frame, with a colour for each point or without colours.
 ///
 /// Every coordinate is finite.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -16,8 +16,8 @@ impl Cloud {
     ///
     /// # Panics
     ///
-    /// If there are not as many colours as points, or a coordinate is not finite: whoever makes a
-    /// cloud has checked that. [`super::read()`] drops such points and counts them.
+    /// If the numbers of colours and points differ, or a coordinate is not finite; the caller must
+    /// check that. [`super::read()`] drops such points and lists their rows.
     #[must_use]
     pub fn new(points: Vec<Point3<f64>>, colours: Option<Vec<[u8; 3]>>) -> Self {
         assert!(colours.as_ref().is_none_or(|c| c.len() == points.len()), "one colour a point");
@@ -38,7 +38,7 @@ impl Cloud {
         self.colours.as_deref()
     }
 
-    /// How many points there are.
+    /// Number of points.
     #[must_use]
     pub fn len(&self) -> usize {
         self.points.len()
@@ -51,12 +51,12 @@ impl Cloud {
     }
 }
 
-/// A cloud as it came from a file.
+/// A cloud that was read from a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reading {
     /// The finite points, in the order of the file.
     pub cloud: Cloud,
-    /// Rows of the file, counted from 0, that hold no finite point: organised clouds keep such
-    /// rows for pixels without depth. The other rows are the cloud.
+    /// Rows of the file, counted from 0, whose point is not finite and was dropped: organised
+    /// clouds have such rows for pixels without depth.
     pub dropped: Vec<usize>,
 }

@@ -1,8 +1,8 @@
-//! Rows of named numbers, made into points and colours.
+//! Converts rows of named numbers to points and colours.
 //!
-//! A header names the numbers of a row; [`Layout::find`] says which of them matter, and
-//! [`Collector`] takes row after row. Whether colours are bytes or fractions is known only once
-//! all of them were seen, because floats come as either.
+//! A header names the numbers of a row; [`Layout::find`] selects coordinates and colours, and
+//! [`Collector`] collects the rows. Float colours may range from 0 to 1 or from 0 to 255, so their
+//! scale is known only after the last row.
 
 use std::path::Path;
 
@@ -14,26 +14,25 @@ use super::points::{Cloud, Reading};
 use super::table::{Holds, Property};
 use crate::npy::Number;
 
-/// Where in a row the point and its colour are.
+/// Indices in a row of the point and its colour.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Layout {
     xyz: [usize; 3],
     colour: Colour,
 }
 
-/// How a row holds its colour.
+/// Representation of the colour in a row.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Colour {
     None,
-    /// Three numbers, of this kind.
+    /// Indices of three numbers, and their type.
     Channels([usize; 3], Number),
-    /// One number `0xaarrggbb`.
+    /// Index of one number `0xaarrggbb`.
     Packed(usize),
 }
 
 impl Layout {
-    /// Finds coordinates and colours among the numbers of a row. Without coordinates there is no
-    /// layout.
+    /// Finds coordinates and colours among the numbers of a row; `None` without coordinates.
     pub(super) fn find(properties: &[Property]) -> Option<Self> {
         let place = |wanted: &str| {
             properties.iter().position(|property| {
@@ -56,12 +55,12 @@ impl Layout {
     }
 }
 
-/// Takes rows and makes a cloud of them.
+/// Collects rows to a cloud.
 #[derive(Debug)]
 pub(super) struct Collector {
     layout: Layout,
     points: Vec<Point3<f64>>,
-    /// As in the file, of the points that are kept.
+    /// Colours of the points that are kept, with the values of the file.
     colours: Vec<[f64; 3]>,
     dropped: Vec<usize>,
     rows: usize,
@@ -72,7 +71,7 @@ impl Collector {
         Self { layout, points: vec![], colours: vec![], dropped: vec![], rows: 0 }
     }
 
-    /// Takes the numbers of the next row.
+    /// Adds the numbers of the next row.
     pub(super) fn push(&mut self, row: &[f64]) {
         let point = Point3::from(self.layout.xyz.map(|place| row[place]));
         self.rows += 1;
@@ -91,7 +90,7 @@ impl Collector {
         }
     }
 
-    /// The cloud of all rows.
+    /// The cloud of all rows; checks distances and colours.
     pub(super) fn finish(self, path: &Path) -> Result<Reading, CloudError> {
         if self.points.is_empty() {
             return Err(CloudError::Empty { path: path.to_owned(), dropped: self.dropped.len() });
@@ -113,7 +112,7 @@ impl Collector {
         Ok(Reading { cloud: Cloud::new(self.points, colours), dropped: self.dropped })
     }
 
-    /// What a colour is to be multiplied with to be a byte.
+    /// Factor that scales a colour channel to 0 to 255.
     fn scale(&self, kind: Number) -> f64 {
         let highest = self.colours.iter().flatten().fold(0.0, |a: f64, &b| a.max(b));
         match kind {

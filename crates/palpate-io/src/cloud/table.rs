@@ -1,18 +1,18 @@
-//! Rows of named numbers behind a header of text: what PLY and PCD have in common.
+//! Rows of named numbers after a header of text: the common part of PLY and PCD.
 //!
-//! Rows come as text or as bytes. A list within a row may have any length, so that rows have no
-//! fixed size; each is walked.
+//! Rows are text or binary. A list in a row may have any length, so rows have no fixed size and are
+//! read number by number.
 
 use std::path::Path;
 
 use super::error::CloudError;
 use crate::npy::{Number, word};
 
-/// Longest header that is read, bytes.
+/// Largest length of a header, bytes; a longer one is refused.
 const MAX_HEADER_BYTES: usize = 1 << 20;
 
-/// Reads a header line by line, in words, up to the one for which `take` says so. Returns the
-/// bytes behind it and the number of its lines.
+/// Reads a header line by line and passes the words of each line to `take`, which returns true for
+/// the last line. Returns the bytes after the header and its number of lines.
 pub(super) fn header<'a>(
     bytes: &'a [u8],
     last_line: &str,
@@ -38,14 +38,14 @@ pub(super) fn header<'a>(
     }
 }
 
-/// How numbers are written.
+/// Encoding of the numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Format {
     Text,
     Binary { big_endian: bool },
 }
 
-/// What a row holds under one name.
+/// A named number or list in a row.
 #[derive(Debug)]
 pub(super) struct Property {
     pub(super) name: String,
@@ -53,50 +53,50 @@ pub(super) struct Property {
     pub(super) holds: Holds,
 }
 
-/// How many numbers a property has.
+/// Content of a property.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Holds {
     One,
-    /// One, whose bits are a colour.
+    /// One number, whose bits are a colour.
     Packed,
-    /// One of several of the same name, which are stepped over.
+    /// One of several numbers with the same name, which are skipped.
     Part,
-    /// As many as the number before them says, which is of this kind; they are stepped over.
+    /// A list, which is skipped; its length is written before it, as a number of this type.
     List(Number),
 }
 
 /// Rows that all have the same properties.
 #[derive(Debug)]
 pub(super) struct Rows {
-    /// What a row is, for errors.
+    /// Name of the rows, for error messages.
     pub(super) unit: String,
     pub(super) count: u64,
     pub(super) properties: Vec<Property>,
 }
 
-/// What follows a header, as far as it is not read yet.
+/// The part of a file after the header that is not read yet.
 pub(super) struct Body<'a> {
     path: &'a Path,
     format: Format,
     rest: &'a [u8],
-    /// Number of the line that a text has come to.
+    /// Number of the current line, for text.
     line: usize,
 }
 
 impl<'a> Body<'a> {
-    /// The bytes behind a header of so many lines.
+    /// The bytes after a header of `header_lines` lines.
     pub(super) fn new(path: &'a Path, format: Format, rest: &'a [u8], header_lines: usize) -> Self {
         Self { path, format, rest, line: header_lines + 1 }
     }
 
-    /// Hands on the numbers of each row; those that are stepped over come as zero.
+    /// Passes the numbers of each row to `take`; a skipped list counts as one zero.
     pub(super) fn walk(
         &mut self,
         rows: &Rows,
         mut take: impl FnMut(&[f64]),
     ) -> Result<(), CloudError> {
         if rows.properties.is_empty() {
-            return Ok(()); // Rows of nothing take no bytes, however many there are.
+            return Ok(()); // Rows without properties take no bytes, whatever their number.
         }
         let mut row = Vec::new();
         for held in 0..rows.count {
@@ -138,7 +138,7 @@ impl<'a> Body<'a> {
         Ok(Some(kind.to_f64(word(bytes, big_endian))))
     }
 
-    /// Steps over a list; `None` if the body ends first.
+    /// Skips a list; `None` if the body ends before the list.
     fn skip_list(&mut self, list: &Property, kind: Number) -> Result<Option<f64>, CloudError> {
         let Some(length) = self.number(list, kind)? else { return Ok(None) };
         if length < 0.0 || length.fract() != 0.0 {
@@ -160,7 +160,7 @@ impl<'a> Body<'a> {
         Ok(rest.map(|_| 0.0))
     }
 
-    /// The next word of a text.
+    /// The next word, for text.
     fn word(&mut self) -> Option<&'a [u8]> {
         let start = self.rest.iter().position(|byte| !byte.is_ascii_whitespace())?;
         self.line += self.rest[..start].iter().filter(|&&byte| byte == b'\n').count();
@@ -171,8 +171,8 @@ impl<'a> Body<'a> {
     }
 }
 
-/// A packed colour that was written as text: its bits as a whole number, or the number that these
-/// bits are as a float. Such floats are tiny, negative or not finite, so that neither is mistaken.
+/// Decodes a packed colour in text: written either as the integer of its bits, or as the float with
+/// these bits. Such floats are tiny, negative or not finite, so the two cases cannot be confused.
 fn bits(value: f64) -> f64 {
     if value.fract() == 0.0 && value.abs() <= f64::from(u32::MAX) {
         return f64::from(value as i64 as u32);

@@ -1,4 +1,4 @@
-//! The same cloud out of every dialect, and an error out of everything else.
+//! Every variant of PLY and PCD gives the same cloud, and everything else an error.
 
 use super::*;
 use nalgebra::Point3;
@@ -17,8 +17,8 @@ fn leaf() -> Cloud {
     Cloud::new(points, Some(vec![[255, 0, 51], [1, 2, 3]]))
 }
 
-/// The leaf as a binary PLY with more in it than is wanted: an element with a list before the
-/// vertices, a list and a number between their coordinates, faces cut off after them.
+/// The leaf as a binary PLY with additional data: an element with a list before the vertices, a
+/// list and a number between their coordinates, truncated faces after them.
 fn crowded_ply(big_endian: bool) -> Vec<u8> {
     let order = if big_endian { "big" } else { "little" };
     let mut bytes = format!(
@@ -72,7 +72,7 @@ fn pcd(data: &str, fields: &str, sizes: &str, types: &str, points: u64) -> Vec<u
     .into_bytes()
 }
 
-/// The leaf as a text PCD, each colour written as `colour` does.
+/// The leaf as a text PCD; `colour` formats a packed colour.
 fn text_pcd(letter: &str, colour: impl Fn(u32) -> String) -> Vec<u8> {
     let mut bytes = pcd("ascii", "x y z rgb", "4 4 4 4", &format!("F F F {letter}"), 2);
     for (point, [r, g, b]) in leaf().points.iter().zip(leaf().colours.unwrap()) {
@@ -98,7 +98,7 @@ fn a_packed_colour_may_be_written_as_number_or_as_float_of_the_same_bits() {
     for bytes in [integer, float_of_bits, float_of_number, opaque] {
         assert_eq!(reading(&bytes).unwrap().cloud, leaf(), "{}", bytes.escape_ascii());
     }
-    // In bytes, the highest one may make a number of any kind of it: even one that is not finite.
+    // In binary files, the highest byte may make the float of these bits NaN.
     let mut bytes = pcd("binary", "x y z rgba", "4 4 4 4", "F F F F", 1);
     bytes.extend([1.0f32, 2.0, 3.0].map(f32::to_le_bytes).concat());
     bytes.extend(0xff81_0203_u32.to_le_bytes());
@@ -195,7 +195,7 @@ fn a_truncated_file_says_how_much_it_holds() {
 }
 
 #[test]
-fn what_is_no_cloud_is_called_so() {
+fn a_file_that_is_not_a_cloud_is_reported() {
     assert!(failure(b"").contains("begins with nothing; wanted a PLY or PCD file"));
     assert!(failure(b"\x93NUMPY").contains("`\\x93NUMPY`"));
     let error = failure(TEXT_PLY.replace("float y", "float height").as_bytes());

@@ -1,16 +1,16 @@
-//! What a simulation knows of the points of its cloud; for checking only.
+//! True values of the points of a simulated cloud, for evaluation only.
 
 use super::error::CloudError;
 use crate::input;
 use crate::npy::Rows;
 use std::path::Path;
 
-/// The truth about every point of a cloud, in its order.
+/// True values of every point of a cloud, in its order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointTruth {
     /// Stiffness, N/m.
     pub stiffness_n_per_m: Vec<f64>,
-    /// What the point belongs to, as a number of the simulation's own list.
+    /// Number of the part that the point belongs to, as numbered by the simulation.
     pub class: Vec<u32>,
 }
 
@@ -18,7 +18,8 @@ pub struct PointTruth {
 ///
 /// # Errors
 ///
-/// If one of the files is missing, is no array of so many numbers, or holds one that is not finite.
+/// If one of the files is missing, is not an array of `points` numbers, or holds a number that is
+/// negative or not finite.
 pub fn read_point_truth(folder: &Path, points: usize) -> Result<PointTruth, CloudError> {
     let class = numbers(&folder.join("truth_labels.npy"), points)?;
     Ok(PointTruth {

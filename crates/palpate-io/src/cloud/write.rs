@@ -1,23 +1,23 @@
-//! Clouds out: PLY and PCD, little-endian, with any further number of each point beside it.
+//! Writes clouds as PLY and PCD, little-endian, with any further columns.
 //!
-//! PLY carries `double` coordinates, which Open3D, MeshLab and CloudCompare read, so that a cloud
-//! comes back to the last bit. PCD carries `float` ones: PCL's point types take nothing else, and
-//! at a distance of one metre that rounds to 0.06 µm. A colour is `uchar red green blue` in PLY
-//! and the bits `0x00rrggbb` of the float `rgb` in PCD, as these programs write it themselves.
+//! PLY has `double` coordinates, which Open3D, MeshLab and CloudCompare read, so that a cloud reads
+//! back exactly. PCD has `float` ones, since PCL's point types support nothing else; at a distance
+//! of one metre, the rounding error is 0.06 µm. A colour is `uchar red green blue` in PLY and the
+//! bits `0x00rrggbb` of the float `rgb` in PCD, as these programs write it themselves.
 
 use super::points::Cloud;
 use crate::atomic::{self, WriteError};
 use std::io::{self, Write};
 use std::path::Path;
 
-/// A number of each point.
+/// A column with one number for each point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Column<'a> {
     /// 32-bit floats.
     F32(&'a [f32]),
     /// 64-bit floats.
     F64(&'a [f64]),
-    /// Bytes, flags among them.
+    /// Bytes or flags.
     U8(&'a [u8]),
 }
 
@@ -30,7 +30,7 @@ impl Column<'_> {
         }
     }
 
-    /// PLY's name of the type, PCD's letter and size.
+    /// PLY's name of the type, PCD's letter, and the size in bytes.
     fn kind(&self) -> (&'static str, char, usize) {
         match self {
             Self::F32(_) => ("float", 'F', 4),
@@ -52,11 +52,12 @@ impl Column<'_> {
 ///
 /// # Errors
 ///
-/// [`WriteError`]; the place is then as it was before.
+/// [`WriteError`]; the path is then unchanged.
 ///
 /// # Panics
 ///
-/// If a column has not one number a point, or its name is taken, empty or no single word.
+/// If a column does not have one number per point, or its name is already used, empty or not one
+/// word.
 ///
 /// # Example
 ///
@@ -103,8 +104,8 @@ pub fn write_ply(path: &Path, cloud: &Cloud, columns: &[(&str, Column)]) -> Resu
 ///
 /// # Errors
 ///
-/// [`WriteError`], also if a coordinate is beyond what 32-bit floats can hold; the place is then as
-/// it was before.
+/// [`WriteError`], also if a coordinate exceeds the range of 32-bit floats; the path is then
+/// unchanged.
 ///
 /// # Panics
 ///
@@ -147,7 +148,7 @@ pub fn write_pcd(path: &Path, cloud: &Cloud, columns: &[(&str, Column)]) -> Resu
     })
 }
 
-/// Whether the columns belong to the cloud and have names of their own.
+/// Checks that the columns have one number per point and unique names.
 fn check(cloud: &Cloud, columns: &[(&str, Column)]) {
     let mut taken = vec!["x", "y", "z", "red", "green", "blue", "rgb", "rgba"];
     for (name, column) in columns {

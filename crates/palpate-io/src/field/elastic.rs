@@ -1,15 +1,15 @@
-//! The elastic body of a field, in the field's file.
+//! The arrays of an elastic body in the file of a field.
 //!
 //! | array           | shape | type | unit | meaning                                                    |
 //! |-----------------|-------|------|------|------------------------------------------------------------|
 //! | `elastic`       | bytes | u8   |      | JSON: bodies and their weights, friction, creep             |
-//! | `residual_cells` | R    | u32  |      | indices of cells that touches have met                      |
-//! | `K_residual`    | R     | f64  | N/m  | stiffness there that explains the residual of the bodies    |
-//! | `elastic_touch` | T x 2 | u32  |      | samples of each touch it was learnt from, and whether they have times |
-//! | `elastic_time`  | S     | f64  | s    | times of those samples in a row; 0 where there are none     |
-//! | `elastic_q`, `elastic_tau` | S x n | f64 | | positions and torques, as logged                            |
+//! | `residual_cells` | R    | u32  |      | indices of the touched cells                                |
+//! | `K_residual`    | R     | f64  | N/m  | stiffness of these cells that explains the residual of the bodies |
+//! | `elastic_touch` | T x 2 | u32  |      | for each learnt touch: number of samples, 1 if they have times |
+//! | `elastic_time`  | S     | f64  | s    | times of the samples of all touches; 0 where there are none |
+//! | `elastic_q`, `elastic_tau` | S x n | f64 | | positions (rad or m) and torques (N·m) of these samples, as logged |
 //!
-//! The touches are there only if mapping is to go on from the file.
+//! The last four arrays exist only if mapping can be continued from the file.
 
 use palpate::unstable::ElasticModel;
 use palpate::{CellId, Lattice, Sample};
@@ -18,7 +18,7 @@ use super::file::springs;
 use super::npz::{Array, Arrays, Data};
 use super::saved::{SavedError, contradiction};
 
-/// Adds a body, and the touches that it was learnt from.
+/// Adds the arrays of a body, and of the touches that it was learnt from.
 pub(super) fn insert(arrays: &mut Arrays, model: &ElasticModel, touches: &[Vec<Sample>]) {
     let json = serde_json::to_string(model).expect("a body is plain data");
     arrays.insert("elastic", Array::text(&json));
@@ -50,10 +50,10 @@ fn has_times(touch: &[Sample]) -> bool {
     touch.iter().all(|sample| sample.time_s.is_some_and(f64::is_finite))
 }
 
-/// A body, and the samples of the touches that it was learnt from.
+/// A body, and the samples of the touches that it was learnt from (empty without these arrays).
 type Learnt = (ElasticModel, Vec<Vec<Sample>>);
 
-/// The body of a field, and the touches that it was learnt from, if there is one.
+/// Reads the body of a field; `None` if there is none.
 pub(super) fn read(arrays: &Arrays, lattice: &Lattice) -> Result<Option<Learnt>, SavedError> {
     if arrays.get("elastic").is_none() {
         return Ok(None);

@@ -1,10 +1,10 @@
-//! What the arrays of a field file mean, checked number by number.
+//! Content of a field file, converted from and to named arrays; every number is checked.
 
 use palpate::{Field, Lattice};
 
 use super::npz::{Array, Arrays, Data, NpzError};
 
-/// What the arrays of a field file mean.
+/// Content of a field file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FieldFile {
     /// Rest points, m, world frame.
@@ -13,13 +13,13 @@ pub struct FieldFile {
     pub stiffness: Vec<f64>,
     /// Standard deviation of each stiffness, N/m.
     pub std: Option<Vec<f64>>,
-    /// Frames that touched each point.
+    /// Number of frames that touched each point.
     pub counts: Option<Vec<u32>>,
-    /// Stiffness of each point had nothing been touched, N/m.
+    /// Prior mean of the stiffness of each point, N/m.
     pub prior: Option<Vec<f64>>,
     /// The lattice that the points belong to.
     pub lattice: Option<FieldLattice>,
-    /// Index of each point in the lattice; no index comes twice.
+    /// Index of each point in the lattice; every index occurs at most once.
     pub cells: Option<Vec<u32>>,
 }
 
@@ -28,14 +28,14 @@ pub struct FieldFile {
 pub struct FieldLattice {
     /// First point of the lattice, m, world frame.
     pub origin_m: [f64; 3],
-    /// Distance between neighbours, m.
+    /// Distance between neighbouring points, m.
     pub spacing_m: f64,
-    /// Points a side.
+    /// Number of points along x, y and z.
     pub shape: [u32; 3],
 }
 
 impl From<&Field> for FieldFile {
-    /// All that a field says of its cells; what was expected of them beforehand it does not.
+    /// All of a field except its prior means, which a [`Field`] does not contain.
     fn from(field: &Field) -> Self {
         Self {
             points: field.cells.iter().map(|&cell| field.lattice.point(cell).into()).collect(),
@@ -57,12 +57,12 @@ impl From<&Lattice> for FieldLattice {
 }
 
 impl FieldFile {
-    /// Reads the meaning of arrays, checking every number.
+    /// Converts arrays and checks every number.
     ///
     /// # Errors
     ///
-    /// If an array that is needed is missing, or one does not fit: its type, its length, a number
-    /// that is not finite, a stiffness below 0 or above 1e12 N/m, a cell outside the lattice or given twice.
+    /// If `points` or `K` is missing, or an array has a wrong type or shape, a number that is not finite, a stiffness
+    /// below 0 or above 1e12 N/m, or a cell that is outside of the lattice or occurs twice.
     pub fn from_arrays(arrays: &Arrays) -> Result<Self, NpzError> {
         let points = arrays.floats("points", &[None, Some(3)])?.as_chunks::<3>().0.to_vec();
         let n = points.len();
@@ -79,7 +79,7 @@ impl FieldFile {
         Ok(Self { points, stiffness, std, counts, prior, lattice, cells })
     }
 
-    /// The points that are stiffer than this, N/m.
+    /// The points whose stiffness exceeds a threshold, N/m.
     #[must_use]
     pub fn above(&self, stiffness_n_per_m: f64) -> Self {
         let is_kept: Vec<bool> = self.stiffness.iter().map(|&k| k > stiffness_n_per_m).collect();
@@ -99,11 +99,11 @@ impl FieldFile {
         }
     }
 
-    /// The arrays to write; more may be inserted beside them.
+    /// Converts to arrays; others may be added to them.
     ///
     /// # Panics
     ///
-    /// If the lists differ in length.
+    /// If the lists have different lengths.
     #[must_use]
     pub fn to_arrays(&self) -> Arrays {
         let n = self.points.len();
@@ -130,8 +130,8 @@ impl FieldFile {
         arrays
     }
 
-    /// The numbers of each point by the names of their arrays: `K`, then `K_std` and `N_obs` if
-    /// they are known.
+    /// The numbers of each point with the names of their arrays: `K`, then `K_std` and `N_obs` if
+    /// there are any.
     #[must_use]
     pub fn columns(&self) -> Vec<(&'static str, Vec<f64>)> {
         let as_floats = |counts: &Vec<u32>| counts.iter().copied().map(f64::from).collect();
@@ -143,15 +143,15 @@ impl FieldFile {
     }
 }
 
-/// The name, if there is an array of that name.
+/// The name, if there is an array with this name.
 fn given<'a>(arrays: &Arrays, name: &'a str) -> Option<&'a str> {
     arrays.get(name).map(|_| name)
 }
 
-/// The largest stiffness of a point that is read, N/m; a steel rod of 1 cm has about 1e8.
+/// Largest stiffness of a point, N/m; a file with a larger one is refused. A steel rod of 1 cm has about 1e8 N/m.
 const STIFFEST_N_PER_M: f64 = 1e12;
 
-/// `n` numbers that a spring can have; N x 1, as OpenVSF may write them, is as good as N.
+/// `n` numbers from 0 to [`STIFFEST_N_PER_M`]; the shape may also be n x 1, which OpenVSF may write.
 pub(super) fn springs(arrays: &Arrays, name: &str, n: usize) -> Result<Vec<f64>, NpzError> {
     let is_column = arrays.get(name).is_some_and(|array| array.shape() == [n, 1]);
     let shape: &[_] = if is_column { &[Some(n), Some(1)] } else { &[Some(n)] };
@@ -183,7 +183,7 @@ fn lattice(arrays: &Arrays) -> Result<FieldLattice, NpzError> {
     })
 }
 
-/// Cells lie in the lattice, and none comes twice.
+/// Refuses cells that are outside of the lattice or occur twice.
 fn check_cells(
     arrays: &Arrays,
     cells: &[u32],

@@ -1,4 +1,4 @@
-//! A field as what other programs collide with, or push: boxes, and points on springs.
+//! Exports a field as obstacles for other programs: rigid boxes, or balls on springs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -7,21 +7,22 @@ use palpate::{CellId, Lattice};
 
 use super::file::FieldFile;
 
-/// Damping of a sprung point by its stiffness, s.
+/// Ratio of damping to stiffness of a spring, s.
 const RELAXATION_S: f64 = 0.05;
-/// Density of sprung points, kg/m³; it only damps, as they carry no weight.
+/// Density of the balls, kg/m³; it only affects the dynamics, as their weight is compensated.
 const DENSITY_KG_PER_M3: f64 = 100.0;
 
-/// A box along the axes of the world: its lowest and its highest corner, m.
+/// An axis-aligned box in the world frame: its lower and its upper corner, m.
 pub type Corners = [[f64; 3]; 2];
 
-/// Boxes that together are the cells of a field, none of them twice.
+/// Disjoint boxes that together cover exactly the cells of a field.
 ///
-/// Each grows from the first cell that is left, along x, then y, then z, as far as cells are there.
+/// Each box starts at the first cell that is not covered yet, and grows along x, then y, then z as long as all new
+/// cells belong to the field and are not covered.
 ///
 /// # Errors
 ///
-/// If the field has no lattice, half a sentence.
+/// The end of a message, if the field has no lattice.
 pub fn boxes(field: &FieldFile) -> Result<Vec<Corners>, String> {
     let (lattice, places) = places(field)?;
     // By z, then y, then x: the order in which boxes grow.
@@ -31,7 +32,7 @@ pub fn boxes(field: &FieldFile) -> Result<Vec<Corners>, String> {
         left.insert(low);
         let mut high = low;
         for axis in [2, 1, 0] {
-            // The next layer of cells along an axis, as wide as the box is.
+            // The next layer of cells along an axis, with the cross-section of the box.
             let layer = |at: u32, high: [u32; 3]| {
                 let (mut from, mut to) = (low, high);
                 (from[axis], to[axis]) = (at, at);
@@ -57,14 +58,14 @@ pub fn boxes(field: &FieldFile) -> Result<Vec<Corners>, String> {
     Ok(boxes)
 }
 
-/// All cells from one corner to the other.
+/// All cells between two corners, inclusive.
 fn all_between(low: [u32; 3], high: [u32; 3]) -> impl Iterator<Item = [u32; 3]> {
     (low[0]..=high[0]).flat_map(move |a| {
         (low[1]..=high[1]).flat_map(move |b| (low[2]..=high[2]).map(move |c| [a, b, c]))
     })
 }
 
-/// The lattice of a field, and where its cells are in it.
+/// The lattice of a field, and the grid coordinates of its cells.
 fn places(field: &FieldFile) -> Result<(Lattice, Vec<[u32; 3]>), String> {
     let (Some(lattice), Some(cells)) = (&field.lattice, &field.cells) else {
         return Err("has no lattice, whose cells this is made of".to_owned());
@@ -75,7 +76,7 @@ fn places(field: &FieldFile) -> Result<(Lattice, Vec<[u32; 3]>), String> {
     Ok((lattice, places))
 }
 
-/// A URDF of one link that boxes are the collision geometry and the look of.
+/// A URDF of one link whose collision and visual geometry is the boxes.
 pub fn urdf(boxes: &[Corners]) -> String {
     let mut xml =
         String::from("<?xml version=\"1.0\"?>\n<robot name=\"field\">\n  <link name=\"field\">\n");
@@ -98,22 +99,22 @@ fn spaced(numbers: [f64; 3]) -> String {
     numbers.map(|number| format!("{number:.6}")).join(" ")
 }
 
-/// Points on springs: where each is at rest, m, its stiffness, N/m, and the radius of its ball, m.
+/// Balls on springs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Springs {
     /// Rest points, m, and stiffness, N/m.
     pub points: Vec<([f64; 3], f64)>,
-    /// Of each ball, m.
+    /// Radius of every ball, m.
     pub radius_m: f64,
 }
 
-/// The springs of a field's cells, those in a block of so many cells a side taken together: their stiffness adds up, since
-/// a link that pushes into a block displaces all of it, and they pull where it is stiffest. `most` is how many there may
-/// be: blocks grow until there are no more.
+/// The springs of a field's cells; `most` is the largest number of springs. Cells are merged in cubic blocks, which are
+/// enlarged until there are no more than `most`. The stiffness of a block is the sum over its cells, since a link that
+/// pushes into a block displaces all of them; its point is their mean, weighted by stiffness.
 ///
 /// # Errors
 ///
-/// If the field has no lattice, half a sentence.
+/// The end of a message, if the field has no lattice.
 pub fn springs(field: &FieldFile, most: usize) -> Result<Springs, String> {
     let (lattice, places) = places(field)?;
     let mut side = 1;
@@ -135,8 +136,8 @@ pub fn springs(field: &FieldFile, most: usize) -> Result<Springs, String> {
     }
 }
 
-/// A MuJoCo model of points on springs: each a ball on three slides, without weight, that collides with what is not one
-/// of them.
+/// A MuJoCo model of springs: each is a ball on three slide joints, with gravity compensation. The balls do not collide
+/// with each other.
 pub fn mujoco_xml(springs: &Springs) -> String {
     let radius = springs.radius_m;
     let mut xml = format!(

@@ -1,6 +1,6 @@
-//! A learnt field with everything that gives it meaning, and the mapper behind it.
+//! Files of a learnt field with its settings and, if mapping is to continue, the state of its mapper.
 //!
-//! Beside the arrays of [`super::FieldFile`]:
+//! In addition to the arrays of [`super::FieldFile`]:
 //!
 //! | array           | shape    | type | meaning                                               |
 //! |-----------------|----------|------|-------------------------------------------------------|
@@ -9,18 +9,18 @@
 //! | `state_variance`| N        | f64  | (N/m)²                                                |
 //! | `state_seen`    | N or 0   | u64  | `ekf`: step of each cell's last drift                 |
 //! | `memory_frame`  | F x 2    | u32  | touch and sample of each remembered frame             |
-//! | `memory_alpha`  | F x n    | f64  | its multipliers (`map`; F x 0 for `ekf`)              |
-//! | `memory_nis`    | F or 0   | f64  | `map`: normalised innovation squared at its last visit (0 for `ekf`) |
-//! | `log_touch`     | T x 3    | u32  | touch, its samples, whether it is still under way     |
-//! | `log_q`, `log_tau` | S x n | f64  | samples of those touches in a row, as logged          |
-//! | `log_skipped`   | S        | u8   | 1 for a sample that came too soon after another to be learnt from; only if there are any |
-//! | `log_tau_std`   | S x n    | f64  | standard deviations of those torques, of an identified arm only; −1 where a sample has none |
+//! | `memory_alpha`  | F x n    | f64  | multipliers of each remembered frame (`map`; F x 0 for `ekf`) |
+//! | `memory_nis`    | F or 0   | f64  | `map`: normalised innovation squared of each frame at its last visit (0 for `ekf`) |
+//! | `log_touch`     | T x 3    | u32  | number of the touch, its number of samples, 1 if it has not ended |
+//! | `log_q`, `log_tau` | S x n | f64  | positions (rad or m) and torques (N·m) of all samples of these touches, as logged |
+//! | `log_skipped`   | S        | u8   | 1 for a sample that was not learnt because it came too soon after another; only if there are any |
+//! | `log_tau_std`   | S x n    | f64  | standard deviations of these torques, N·m, only for an identified arm; −1 where a sample has none |
 //!
 //! A field with an elastic body has more arrays: [`super::elastic`].
 //!
-//! Everything from `state_mean` on is there only if mapping is to go on from the file. The
-//! remembered contacts are not stored: they are simulated again from the sample log, a
-//! hundredth of their size.
+//! The arrays from `state_mean` on exist only if mapping can be continued from the file. The
+//! contacts of remembered frames are not stored: they are simulated again from the sample log, which
+//! takes a hundredth of their size.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -37,10 +37,10 @@ use super::elastic;
 use super::file::{FieldFile, FieldLattice};
 use super::npz::{Array, Arrays, Data, NpzError, npz_bytes, read_npz, read_npz_bytes, write_npz};
 
-/// The version of the layout above; arrays that may be missing change nothing of it.
+/// Version of the layout above; new optional arrays do not change it.
 const FORMAT: u32 = 2;
 
-/// Arrays that had other names in format 1: the present name, and the old one.
+/// Arrays with other names in format 1: the current name, then the old one.
 const RENAMED: [(&str, &str); 5] = [
     ("memory_frame", "memory_source"),
     ("memory_nis", "memory_contradiction"),
@@ -49,30 +49,30 @@ const RENAMED: [(&str, &str); 5] = [
     ("log_tau", "tape_tau"),
 ];
 
-/// The name that an array has in this file.
+/// The name of an array in this file: the old one if the file has it.
 fn name_in(arrays: &Arrays, name: &'static str) -> &'static str {
     let renamed = RENAMED.iter().find(|(now, then)| *now == name && arrays.get(then).is_some());
     renamed.map_or(name, |(_, then)| then)
 }
 
-/// A field, and the mapper that learnt it if mapping is to go on.
+/// A field, and the state of the mapper that learnt it if mapping is to continue.
 #[derive(Debug, Clone)]
 pub struct Saved {
-    /// The stiffness of all cells that were touched or expected to be stiff.
+    /// The stiffness of all cells that were touched or have a prior of their own.
     pub field: Field,
-    /// What would be expected of every cell of the field, had nothing been touched, N/m, by row;
-    /// `None` if that is the same of all, as the settings have it. The array `K_prior`.
+    /// Prior mean of every cell of the field, N/m, by row; `None` if all cells have the prior of the
+    /// settings. Stored as the array `K_prior`.
     pub prior_n_per_m: Option<Vec<f64>>,
-    /// Name of the robot that touched them.
+    /// Name of the robot that made the touches.
     pub robot: String,
-    /// The mapper, if the file holds it.
+    /// State of the mapper, if the file contains it.
     pub snapshot: Option<Snapshot>,
-    /// Samples of the touches that the field's body was learnt from, if it has one and mapping is to go on.
+    /// Samples of the touches that the elastic body was learnt from, if there is one and mapping is to continue.
     pub elastic_touches: Vec<Vec<Sample>>,
 }
 
 impl Saved {
-    /// All that a mapper has learnt, with what it needs to go on.
+    /// The field of a mapper, with the state that it needs to continue.
     pub fn of_mapper(mapper: &Mapper) -> Self {
         let snapshot = mapper.snapshot();
         Self {
@@ -84,8 +84,8 @@ impl Saved {
         }
     }
 
-    /// A field that came from elsewhere: no mapper goes on from it, and the prior is the same of
-    /// all cells.
+    /// A field without the state of a mapper, so that mapping cannot be continued, and without prior
+    /// means by cell.
     pub fn of_field(field: Field, robot: &str) -> Self {
         let (robot, elastic_touches) = (robot.to_owned(), Vec::new());
         Self { field, prior_n_per_m: None, robot, snapshot: None, elastic_touches }
@@ -97,7 +97,7 @@ impl Saved {
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum SavedError {
-    /// The arrays are missing, broken, or do not fit each other.
+    /// The file is broken, or an array is missing or invalid.
     #[error(transparent)]
     Npz(#[from] NpzError),
     /// A field of another program, without lattice or settings.
@@ -106,10 +106,10 @@ pub enum SavedError {
          and how they were touched: it was not written by `palpate map`"
     )]
     Foreign { path: String, missing: &'static str },
-    /// Settings that cannot be understood.
+    /// Settings that cannot be parsed.
     #[error("`{path}`: the settings in the array `palpate` cannot be read: {source}")]
     Settings { path: String, source: serde_json::Error },
-    /// A file of a later palpate.
+    /// A file of a later version of palpate.
     #[error("`{path}` has format {found}; this palpate reads formats up to {FORMAT}: update it")]
     Format { path: String, found: u32 },
     /// Arrays that contradict each other.
@@ -117,7 +117,7 @@ pub enum SavedError {
     Contradiction { path: String, what: String },
 }
 
-/// What the JSON in the file says.
+/// The JSON in the array `palpate`.
 #[derive(Serialize, Deserialize)]
 struct Meta {
     format: u32,
@@ -140,13 +140,14 @@ struct MapperMeta {
     touches: u32,
     step: u64,
     rng: RngState,
-    /// First rows that a prior by cell declared: the prior of the others is the settings'.
+    /// Number of rows, from the first, with a prior of their own; the others have the prior of the settings.
     #[serde(default)]
     expected: usize,
-    /// Names of the touches in the sample log; empty without any.
+    /// Names of the touches in the sample log; empty if the log is empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     names: Vec<String>,
-    /// Touches that were learnt from and are not in the sample log any more; null of a palpate that did not count them.
+    /// Number of learnt touches that are no longer in the sample log; null in files of versions that did not count
+    /// them.
     #[serde(default)]
     gone: Option<u32>,
     /// [`Snapshot::learnt_s`].
@@ -154,7 +155,7 @@ struct MapperMeta {
     learnt_s: Option<f64>,
 }
 
-/// Writes a field, whole or not at all, in the place of any file of that name.
+/// Writes a field atomically; an existing file is replaced.
 ///
 /// # Errors
 ///
@@ -167,17 +168,17 @@ pub fn save(path: &Path, saved: &Saved) -> Result<(), NpzError> {
 ///
 /// # Errors
 ///
-/// If the file is missing, broken, of another program or of a later version.
+/// If the file is missing, broken, of another program or of a later version of palpate.
 pub fn load(path: &Path) -> Result<Saved, SavedError> {
     from_arrays(&read_npz(path)?)
 }
 
-/// The bytes of the file that [`save`] writes, for programs that hand fields on.
+/// The bytes of the file that [`save`] writes, for programs that pass fields on.
 pub fn to_bytes(saved: &Saved) -> Vec<u8> {
     npz_bytes(&to_arrays(saved))
 }
 
-/// Reads the field of a file that is in memory; errors call it by this name.
+/// Reads a field from the bytes of a file; messages use `name` as the path.
 ///
 /// # Errors
 ///
@@ -224,7 +225,7 @@ fn to_arrays(saved: &Saved) -> Arrays {
     arrays
 }
 
-/// Adds the arrays of a belief.
+/// Adds the arrays of an estimator's state.
 fn insert_state(arrays: &mut Arrays, state: &EstimatorState, method: EstimatorKind) {
     arrays.insert("state_mean", Array::flat(Data::F64(state.mean.clone())));
     arrays.insert("state_variance", Array::flat(Data::F64(state.variance.clone())));
@@ -238,7 +239,7 @@ fn insert_state(arrays: &mut Arrays, state: &EstimatorState, method: EstimatorKi
     arrays.insert("memory_alpha", Array::new(vec![frames, width], Data::F64(alphas)));
     let scored = match method {
         EstimatorKind::Map | EstimatorKind::Elastic => state.remembered.as_slice(),
-        EstimatorKind::Ekf => &[], // draws its frames at random only
+        EstimatorKind::Ekf => &[], // it draws frames at random, without this number
     };
     let nis = scored.iter().map(|frame| frame.nis).collect();
     arrays.insert("memory_nis", Array::flat(Data::F64(nis)));
@@ -273,7 +274,7 @@ fn insert_sample_log(arrays: &mut Arrays, snapshot: &Snapshot) {
     }
 }
 
-/// The field that named arrays hold.
+/// Converts named arrays to a field, and checks that they agree.
 fn from_arrays(arrays: &Arrays) -> Result<Saved, SavedError> {
     let file = FieldFile::from_arrays(arrays)?;
     let path = || arrays.path().display().to_string();
@@ -283,7 +284,7 @@ fn from_arrays(arrays: &Arrays) -> Result<Saved, SavedError> {
     }
     let mut meta: Meta = serde_json::from_str(&arrays.text("palpate")?)
         .map_err(|source| SavedError::Settings { path: path(), source })?;
-    // Of a palpate that did not say so in words: only torques of an identified arm have standard deviations.
+    // Older versions did not save `identified`; only torques of an identified arm have standard deviations.
     if arrays.get("log_tau_std").is_some() {
         meta.touch.identified = true;
         meta.mapper.iter_mut().for_each(|mapper| mapper.config.touch.identified = true);
@@ -336,10 +337,10 @@ fn from_arrays(arrays: &Arrays) -> Result<Saved, SavedError> {
     Ok(saved)
 }
 
-/// How far a point may lie from its cell, in parts of the spacing.
+/// Largest distance of a point from its cell along an axis, as a share of the spacing; beyond it, the file is refused.
 const ROUNDED: f64 = 0.01;
 
-/// Refuses points that do not lie where their cells do: somebody moved or sorted the one and not the other.
+/// Refuses points that are not at their cells, for example if only one of `points` and `cells` was moved or sorted.
 fn check_points(arrays: &Arrays, field: &Field, points: &[[f64; 3]]) -> Result<(), SavedError> {
     let lattice = &field.lattice;
     let is_off = |(cell, point): (&CellId, &[f64; 3])| {
@@ -354,7 +355,7 @@ fn check_points(arrays: &Arrays, field: &Field, points: &[[f64; 3]]) -> Result<(
     Err(contradiction(arrays, what))
 }
 
-/// Refuses bands that cannot be, or are of another robot than the samples of the mapper, if there is one.
+/// Refuses an invalid calibration, or one whose number of joints differs from that of the sample log, if there is one.
 fn check_calibration(arrays: &Arrays, field: &Field, has_mapper: bool) -> Result<(), SavedError> {
     let Some(calibration) = &field.calibration else { return Ok(()) };
     let n_joints = match has_mapper {
@@ -364,12 +365,12 @@ fn check_calibration(arrays: &Arrays, field: &Field, has_mapper: bool) -> Result
     calibration.check(n_joints).map_err(|what| contradiction(arrays, what))
 }
 
-/// The error of arrays that contradict each other.
+/// The error for arrays that contradict each other.
 pub(super) fn contradiction(arrays: &Arrays, what: String) -> SavedError {
     SavedError::Contradiction { path: arrays.path().display().to_string(), what }
 }
 
-/// The frames that a mapper remembers, and how many multipliers each has.
+/// The remembered frames, and the number of multipliers of each.
 fn remembered(arrays: &Arrays) -> Result<(Vec<RememberedFrame>, usize), SavedError> {
     let frames = arrays.small_counts(name_in(arrays, "memory_frame"), &[None, Some(2)])?;
     let frames = frames.as_chunks::<2>().0;
@@ -377,7 +378,7 @@ fn remembered(arrays: &Arrays) -> Result<(Vec<RememberedFrame>, usize), SavedErr
     let width = alphas.len().checked_div(frames.len()).unwrap_or(0);
     let nis = match arrays.get(name_in(arrays, "memory_nis")) {
         Some(_) => arrays.floats(name_in(arrays, "memory_nis"), &[None])?,
-        None => Vec::new(), // of a palpate that drew frames at random only
+        None => Vec::new(), // files of versions that drew frames only at random
     };
     let remembered = frames.iter().enumerate().map(|(frame, &[touch, sample])| RememberedFrame {
         id: FrameId { touch, sample },
@@ -387,7 +388,7 @@ fn remembered(arrays: &Arrays) -> Result<(Vec<RememberedFrame>, usize), SavedErr
     Ok((remembered.collect(), width))
 }
 
-/// The mapper that named arrays hold.
+/// The state of the mapper in named arrays.
 fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapshot, SavedError> {
     let (remembered, width) = remembered(arrays)?;
     let state = EstimatorState {
@@ -442,14 +443,14 @@ fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapsh
     })
 }
 
-/// Numbers of an estimator's state, none so large that what follows from it would not be finite.
+/// Reads numbers of an estimator's state; an error if one is so large that results would not be finite.
 fn within(arrays: &Arrays, name: &str, shape: &[Option<usize>]) -> Result<Vec<f64>, SavedError> {
     let numbers = arrays.floats(name, shape)?;
     arrays.check(name, &numbers, "numbers from -1e24 to 1e24", |number| number.abs() <= 1e24)?;
     Ok(numbers)
 }
 
-/// The logged touches, and the number of joints of their samples.
+/// Reads the number of joints and the touches of the sample log.
 fn sample_log(arrays: &Arrays) -> Result<(usize, Vec<LoggedTouch>), SavedError> {
     let touches = arrays.small_counts(name_in(arrays, "log_touch"), &[None, Some(3)])?;
     let touches = touches.as_chunks::<3>().0;

@@ -1,9 +1,9 @@
-//! A field as an image of VTK (`.vti`), which ParaView opens: numbers at the points of a grid.
+//! Writes a field as a VTK image (`.vti`) for ParaView: numbers at the points of a grid.
 //!
-//! The grid is the part of the lattice that the field's cells span. Points of it that the field
-//! says nothing of have zeros; `N_obs` distinguishes them from soft points. Numbers stand behind
-//! the XML as raw little-endian 32-bit floats, written one after another, so that memory grows
-//! with the cells and not with the box.
+//! The grid is the bounding box of the field's cells in the lattice. Grid points that are not cells
+//! of the field have zeros; `N_obs` distinguishes them from soft points. The numbers follow the XML
+//! as raw little-endian 32-bit floats, written one after another, so that memory grows with the
+//! number of cells and not with the box.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -13,15 +13,15 @@ use palpate::{CellId, Lattice};
 use super::file::FieldFile;
 use crate::atomic::{self, WriteError};
 
-/// More points than this, no viewer takes.
+/// Largest number of points of a grid, which viewers can open; a larger one is refused.
 const MOST_POINTS: u64 = 1 << 31;
 
-/// Writes the stiffness of a field, its deviation and its counts, as far as it has them.
+/// Writes the stiffness of a field, and its standard deviation and counts if it has them.
 ///
 /// # Errors
 ///
-/// [`WriteError`], also if the field has no lattice and no cells, or its box is beyond what a
-/// viewer takes; the place is then as it was before.
+/// [`WriteError`], also if the field has no lattice or no cells, or its box has more than 2³¹
+/// points; the path is then unchanged.
 pub fn write_vti(path: &Path, field: &FieldFile) -> Result<(), WriteError> {
     atomic::write(path, |out| fill(out, field))
 }

@@ -1,4 +1,4 @@
-//! What can be wrong with a log, and what to do about it.
+//! Errors of logs, with their remedies.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -11,19 +11,19 @@ use crate::npy::NpyError;
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum LogError {
-    /// Nothing is there.
+    /// The path does not exist.
     #[error("`{path}` does not exist; {remedy}")]
     Missing { path: PathBuf, remedy: String },
-    /// The system refused to read.
+    /// The operating system reported an error.
     #[error("`{path}` cannot be read: {source}")]
     Io { path: PathBuf, source: io::Error },
-    /// A file or folder that is no log.
+    /// A file or folder that is not a log.
     #[error("`{path}` holds no touch: {found}; wanted {wanted}")]
     NoTouch { path: PathBuf, found: String, wanted: &'static str },
-    /// A file that is no npy array, or a broken one.
+    /// A file that is not an npy array, or a broken one.
     #[error("`{path}` {source}")]
     Npy { path: PathBuf, source: NpyError },
-    /// An array that does not fit the others.
+    /// An array whose shape is wrong or does not fit the other arrays.
     #[error("`{path}` has the shape {found:?}; wanted {wanted}")]
     Shape { path: PathBuf, found: Vec<u64>, wanted: String },
     /// A touch without a single sample.
@@ -41,7 +41,7 @@ pub enum LogError {
     /// A bag that cannot be read.
     #[error(transparent)]
     Bag(#[from] BagError),
-    /// Gaps are to part touches, and there is no time.
+    /// Touches are to be split at gaps in time, but the log has no time.
     #[error(
         "`{path}` has no time, by whose gaps its touches were to be parted; leave --split-gap-s out"
     )]
@@ -66,21 +66,21 @@ impl LogError {
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum TableError {
-    /// Not a table of text at all.
+    /// A file that is not a table of text.
     #[error("`{path}` {reason}; wanted rows of numbers below a line of column names")]
     NotCsv { path: PathBuf, reason: String },
     /// A file that is not Parquet, or a broken one.
     #[error("`{path}` is no Parquet file, or a broken one: {reason}; copy it again")]
     NotParquet { path: PathBuf, reason: String },
-    /// Parquet in a compression that is not read.
+    /// Parquet with an unsupported compression.
     #[error(
         "`{path}`: its columns are compressed by {codec}, which is not read; write them with zstd, snappy, gzip or lz4"
     )]
     Compressed { path: PathBuf, codec: String },
-    /// Parquet, without the feature `formats`.
+    /// Parquet, in a build without the feature `formats`.
     #[error("`{path}` is Parquet: {}", crate::not_built("Parquet"))]
     NotBuilt { path: PathBuf },
-    /// More than memory may hold.
+    /// Rows that exceed the memory limit.
     #[error("`{path}`: group {group} of its rows wants {}", input::too_large())]
     TooLarge { path: PathBuf, group: usize },
     /// Columns that are missing or ambiguous.
@@ -92,13 +92,13 @@ pub enum TableError {
     /// A row that is longer or shorter than the header.
     #[error("`{path}` has {found} cells in line {line}; wanted {wanted} as in its header")]
     Row { path: PathBuf, line: u64, found: usize, wanted: usize },
-    /// A row that is of other joints than those before it.
+    /// A row whose joints differ from those of the rows before.
     #[error(
         "`{path}` has the joints {found} in line {line}; wanted {wanted} as before: if several \
          robots were recorded in one table, part it"
     )]
     OtherJoints { path: PathBuf, line: u64, found: String, wanted: String },
-    /// A cell of a text that is no finite number.
+    /// A cell of a text table that is not a finite number.
     #[error(
         "`{path}` holds {found} in line {line}, column `{column}`; every number must be finite, \
          with a decimal point: correct the line or cut it out"
@@ -107,24 +107,24 @@ pub enum TableError {
     /// A value of Parquet that cannot be used.
     #[error("`{path}`, row {row} (from 0), column `{column}`: {reason}")]
     Value { path: PathBuf, row: u64, column: String, reason: String },
-    /// Files of one log that hold different things.
+    /// Files of one log with different kinds of torques.
     #[error(
         "`{path}`: of this file and those before it, some have columns of measured torques, others \
          of motor currents or external torques; read them one after the other"
     )]
     CurrentsAndTorques { path: PathBuf },
-    /// A touch column without a touch.
+    /// A touch column that is empty in all rows.
     #[error(
         "`{path}` has a touch column that is empty in all rows; name the touches in it, or leave it out"
     )]
     NoTouch { path: PathBuf },
-    /// A touch in two pieces.
+    /// A touch whose rows are not contiguous.
     #[error("`{path}` goes back to touch `{touch}` in {place}; sort the rows by touch and time")]
     TouchResumes { path: PathBuf, place: String, touch: String },
 }
 
 impl TableError {
-    /// The error of columns that are missing or ambiguous; of many names the first are shown.
+    /// The error for missing or ambiguous columns; of the header, at most 40 names are shown.
     pub(super) fn columns(
         path: &Path,
         reason: String,
@@ -148,10 +148,10 @@ pub enum BagError {
     /// A file that cannot be read as a bag.
     #[error("`{path}` {reason}")]
     Storage { path: PathBuf, reason: String },
-    /// A topic that is not there, or not the only one.
+    /// A topic that is missing, unsuitable or ambiguous.
     #[error("`{path}`: {reason}. Its topics are {topics}. Name the one to read with --topic")]
     Topic { path: PathBuf, reason: String, topics: String },
-    /// Messages whose type cannot be followed.
+    /// A message type whose definition cannot be interpreted.
     #[error("`{path}`: topic `{topic}` holds messages of `{kind}`, but {reason}")]
     Layout { path: PathBuf, topic: String, kind: String, reason: String },
     /// A message that cannot be used.

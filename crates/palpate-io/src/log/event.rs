@@ -1,4 +1,4 @@
-//! What a log says: touches and samples one after another, and what is known of the log itself.
+//! Events of a log (touches and samples in order), its description and its warnings.
 
 use std::path::PathBuf;
 
@@ -8,35 +8,35 @@ use serde::Serialize;
 use super::error::LogError;
 use super::options::CsvColumns;
 
-/// One thing that happens in a log.
+/// One event of a log.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LogEvent {
     /// A touch starts; the one before it, if any, has ended.
     TouchStarts {
         /// Name of the touch: its folder, file or cell.
         name: String,
-        /// Names of the joints in the order of the samples, if the log knows them.
+        /// Names of the joints in the order of the samples, if the log contains them.
         joint_names: Option<Vec<String>>,
     },
-    /// One moment of the touch that started last.
+    /// A sample of the touch that started last.
     Sample(Sample),
 }
 
-/// A log being read. After an error it yields nothing more.
+/// A log being read. After an error, the iterator ends.
 pub trait Log: Iterator<Item = Result<LogEvent, LogError>> + Send {
-    /// What is known of the log before and while it is read.
+    /// Description of the log, available before and during reading.
     fn describe(&self) -> LogDescription;
 
-    /// What looked odd so far but did not stop the reading.
+    /// Problems found so far that did not stop the reading.
     fn warnings(&self) -> &[LogWarning];
 }
 
-/// What a log says of itself, for progress bars and `inspect`.
+/// Description of a log, for progress bars and `inspect`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LogDescription {
-    /// Where it is.
+    /// Path of the log.
     pub path: PathBuf,
-    /// Its format.
+    /// Format of the log.
     pub format: Format,
     /// Number of touches, if known before reading.
     pub touches: Option<usize>,
@@ -44,22 +44,22 @@ pub struct LogDescription {
     pub samples: Option<u64>,
     /// Number of joints, if known before reading.
     pub joints: Option<usize>,
-    /// What the log says of its torques.
+    /// Kind of the logged torques.
     pub torques: LoggedTorques,
-    /// The columns that are read, of the first file, if it is a table; two columns of one time are joined by `and`.
+    /// The columns that are read, for a table: those of its first file; two columns of one time are joined by `and`.
     pub columns: Option<CsvColumns>,
 }
 
-/// What a log says of its torques.
+/// Kind of the logged torques, as far as the log says.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LoggedTorques {
-    /// Nothing: they may hold gravity.
+    /// Not said: they may contain gravity.
     #[default]
     Unsaid,
-    /// They are external ones: gravity has been taken out.
+    /// External torques: gravity has been subtracted.
     External,
-    /// They are motor currents, in ampere.
+    /// Motor currents, A.
     Currents,
 }
 
@@ -78,11 +78,11 @@ pub enum Format {
     Rosbag2Sqlite,
     /// Parquet, such as LeRobot's.
     Parquet,
-    /// Touches that a program holds: no file.
+    /// Touches in the memory of a program, not in a file.
     Memory,
 }
 
-/// Something odd in a log that did not stop the reading.
+/// A problem in a log that did not stop the reading.
 #[derive(Debug, Clone, PartialEq, Serialize, thiserror::Error)]
 #[non_exhaustive]
 pub enum LogWarning {
@@ -94,43 +94,43 @@ pub enum LogWarning {
     TimeNotIncreasing {
         /// Name of the touch.
         touch: String,
-        /// First sample whose time is not after that of the one before it, counted from 0.
+        /// Number of the first sample whose time is not after that of the previous sample, from 0.
         row: u64,
-        /// Time of the sample before, s.
+        /// Time of the previous sample, s.
         before_s: f64,
-        /// Time of the sample, s.
+        /// Time of this sample, s.
         now_s: f64,
-        /// How many samples of the touch do so.
+        /// Number of such samples in the touch.
         count: u64,
     },
-    /// Messages of a bag that gave no sample.
+    /// Messages of a bag that were not used as samples.
     #[error(
         "messages that gave no sample: {other_joints} of other joints, {before_touch} before the \
          first touch starts"
     )]
     LeftOut {
-        /// Those of other joints.
+        /// Number of messages that contain other joints.
         other_joints: u64,
-        /// Those before the first touch starts.
+        /// Number of messages before the first touch starts.
         before_touch: u64,
     },
     /// Rows of a table that belong to no touch.
     #[error("{rows} rows were left out: their touch column is empty")]
     BetweenTouches {
-        /// How many.
+        /// Number of these rows.
         rows: u64,
     },
-    /// A bag that breaks off, read up to there.
+    /// A bag that breaks off; it was read up to the break.
     #[error(
         "the bag breaks off after {messages} messages and {seconds:.1} s ({reason}); what lies \
          before was read"
     )]
     BrokenOff {
-        /// Messages that could be read.
+        /// Number of messages that could be read.
         messages: u64,
-        /// From the first to the last of them, s.
+        /// Time from the first to the last sample, s.
         seconds: f64,
-        /// What stopped the reading.
+        /// Error that stopped the reading.
         reason: String,
     },
 }

@@ -1,4 +1,4 @@
-//! A log of several files, each of which holds one touch or more: what its formats share.
+//! A log of several files with one or more touches each: the part that is common to its formats.
 
 use std::collections::{HashSet, VecDeque};
 use std::path::{Path, PathBuf};
@@ -12,67 +12,69 @@ use super::reader::Source;
 
 /// One file (or folder of arrays) that is read row by row.
 pub(super) trait TouchFile: Sized + Send {
-    /// Its format, for the description of the log.
+    /// Format, for the description of the log.
     const FORMAT: Format;
 
-    /// Checks what can be checked before reading, and stands before the first row.
+    /// Opens the file before its first row, and checks everything that can be checked before
+    /// reading.
     fn open(path: &Path, options: &LogOptions) -> Result<Self, LogError>;
 
-    /// What is known of it before its rows.
+    /// Description of the file, available before its rows are read.
     fn describe(&self) -> FileDescription;
 
-    /// Refuses a file that has not the joints of the first one, if that is known before reading.
+    /// Refuses a file whose number of joints differs from that of the first file, if known before
+    /// reading.
     fn check_joints(&self, _first: &Path, _joints: usize) -> Result<(), LogError> {
         Ok(())
     }
 
-    /// The next row: the name of its touch, if rows name it, and its sample.
+    /// The next row: the name of its touch, if the file has a touch column, and its sample.
     fn next_row(&mut self) -> Result<Option<(Option<String>, Sample)>, LogError>;
 
-    /// Where in the file the row stands that was read last.
+    /// Position in the file of the row that was read last, for an error message.
     fn place(&self) -> String;
 }
 
-/// What is known of a file before its rows are read.
+/// Description of a file, available before its rows are read.
 #[derive(Default)]
 pub(super) struct FileDescription {
-    /// Name of its touch if the rows name none.
+    /// Name of the touch if there is no touch column.
     pub(super) name: String,
-    /// What it says of its torques.
+    /// Kind of its torques.
     pub(super) torques: LoggedTorques,
     /// Number of joints.
     pub(super) joints: Option<usize>,
-    /// Their names, in the order of the samples.
+    /// Names of the joints, in the order of the samples.
     pub(super) joint_names: Option<Vec<String>>,
     /// Number of samples.
     pub(super) samples: Option<u64>,
     /// The columns that are read, if it is a table.
     pub(super) columns: Option<CsvColumns>,
-    /// Whether its rows name their touch.
+    /// Whether it has a touch column.
     pub(super) names_touches: bool,
-    /// Whether a touch may go on from the file before, as rows name it.
+    /// Whether a touch of the same name may continue from the previous file.
     pub(super) continues_touches: bool,
 }
 
-/// A log of such files.
+/// A log of files of one format.
 pub(super) struct TouchFiles<F> {
     description: LogDescription,
     options: LogOptions,
-    /// Files to come, the last one first.
+    /// Files that are not read yet, in reverse order.
     ahead: Vec<PathBuf>,
     current: Option<(PathBuf, F, FileDescription)>,
-    /// Name of the touch under way.
+    /// Name of the current touch.
     touch: Option<String>,
-    /// Rows in which the touch column is empty.
+    /// Number of rows in which the touch column is empty.
     between: u64,
-    /// Whether the current file has such a row.
+    /// Whether the current file has a row whose touch column is empty.
     has_rows: bool,
-    /// Names of the touches that began so far and may not begin again.
+    /// Names of the touches that have begun; the same touch must not begin twice.
     begun: HashSet<String>,
 }
 
 impl<F: TouchFile> TouchFiles<F> {
-    /// Opens all `files` and compares them, then stands before the first.
+    /// Opens all `files` once to check and compare them; reading then begins with the first.
     pub(super) fn open(
         path: &Path,
         mut files: Vec<PathBuf>,
@@ -102,7 +104,7 @@ impl<F: TouchFile> TouchFiles<F> {
         Ok(Self { description, options, ahead, current, touch, between: 0, has_rows: false, begun })
     }
 
-    /// Opens the next file; without one, the log is over.
+    /// Opens the next file; false at the end of the log.
     fn next_file(&mut self) -> Result<bool, LogError> {
         self.current = None;
         let Some(path) = self.ahead.pop() else { return Ok(false) };
@@ -150,7 +152,7 @@ impl<F: TouchFile> Source for TouchFiles<F> {
                 continue;
             }
             let name = match touch {
-                // Touches of other files may have the same names.
+                // Prefixed by the file: touches of different files may have the same names.
                 Some(touch) if !known.continues_touches && self.description.path != *path => {
                     format!("{}/{touch}", known.name)
                 }

@@ -1,4 +1,5 @@
-//! Files of a folder, in the order in which people count: `seq_2` before `seq_10`; how they begin.
+//! Lists the files of a folder in natural order (`seq_2` before `seq_10`), and recognises types of
+//! files.
 
 use std::cmp::Ordering;
 use std::io::{self, Read};
@@ -6,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use crate::input;
 
-/// All that lies right below a folder and is not hidden, in natural order.
+/// The direct entries of a folder that are not hidden, in natural order.
 pub(super) fn listed(folder: &Path) -> io::Result<Vec<PathBuf>> {
     let entries = folder.read_dir()?.map(|entry| Ok(entry?.path()));
     let mut paths = entries.collect::<io::Result<Vec<PathBuf>>>()?;
@@ -18,7 +19,7 @@ pub(super) fn listed(folder: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// Whether a path is a file with one of these endings, in lower or upper case.
+/// Whether a path is a file with one of these extensions, in lower or upper case.
 pub(super) fn is_file_with(path: &Path, endings: &[&str]) -> bool {
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
     ending.is_some_and(|ending| endings.contains(&ending.as_str())) && path.is_file()
@@ -31,7 +32,8 @@ pub(super) fn beginning(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The Parquet files of a data set or a folder: in it, and in the folders right below.
+/// The Parquet files of a folder, or of its folder `data` if there is one, and of the folders one
+/// level below.
 pub(super) fn parquet_in(path: &Path) -> Vec<PathBuf> {
     let data = path.join("data");
     let listed = |folder: &Path| listed(folder).unwrap_or_default();
@@ -41,13 +43,14 @@ pub(super) fn parquet_in(path: &Path) -> Vec<PathBuf> {
     entries.into_iter().flat_map(below).filter(is_called_so).collect()
 }
 
-/// Whether a file is called Parquet, or begins as Parquet does.
+/// Whether a file has the extension or the magic bytes of Parquet.
 pub(super) fn is_parquet(path: &Path) -> bool {
     is_file_with(path, &["parquet"])
         || beginning(path).is_ok_and(|bytes| bytes.starts_with(b"PAR1"))
 }
 
-/// Compares runs of digits by value and everything else by character; equal values by spelling.
+/// Natural order: compares digits by the value of their number, everything else by character; if
+/// equal, by spelling.
 pub(super) fn compare(a: &str, b: &str) -> Ordering {
     let (mut left, mut right) = (a, b);
     loop {

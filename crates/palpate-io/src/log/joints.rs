@@ -2,32 +2,32 @@
 
 use std::collections::BTreeMap;
 
-/// Why a log's joints do not serve a robot.
+/// Why the joints of a log cannot be matched to those of a robot.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum JointNameError {
-    /// A joint of the robot that the log does not hold.
+    /// A joint of the robot that is not in the log.
     #[error(
         "the robot's joint `{joint}` is not in the log, whose joints are {} (--rename LOG=URDF says which is which)",
         log.join(", ")
     )]
     Missing { joint: String, log: Vec<String> },
-    /// A name that the log holds twice.
+    /// A name that occurs twice in the log.
     #[error("the log holds the joint `{joint}` twice")]
     Twice { joint: String },
 }
 
-/// Where each joint of the robot stands in the log: `q_robot[i] = q_log[permutation[i]]`.
+/// Index in the log of each joint of the robot: `q_robot[i] = q_log[permutation[i]]`.
 ///
-/// Joints of the log that the robot does not have, such as a gripper's, are left out. Names that differ in what all
-/// names of a side begin with, up to `_` or `/`, or end with, from `_` on, are taken for the same: `fr3_joint1` and
-/// `panda_joint1`, `/left/j1` and `j1`, or `elbow_joint` and `elbow`. So are names that only count: `joint_1`, or
-/// `actuators[0]`, and `Actuator1`.
+/// Joints of the log that the robot does not have, such as a gripper's, are left out. If the names do not match
+/// exactly, a prefix (up to `_` or `/`) and a suffix (from `_` on) that all names of the robot or of the log share are
+/// ignored: `fr3_joint1` matches `panda_joint1`, `/left/j1` matches `j1`, and `elbow_joint` matches `elbow`. Otherwise
+/// numbered names without the name of a robot match by number: `joint_1` or `actuators[0]` match `Actuator1`.
 ///
 /// # Errors
 ///
-/// If a joint of the robot is missing from the log or there twice.
+/// If a joint of the robot is missing from the log or occurs twice in it.
 ///
 /// # Example
 ///
@@ -47,7 +47,7 @@ pub fn reorder(robot: &[String], log: &[String]) -> Result<Vec<usize>, JointName
         let tail = |name: &str| name.rsplit(['_', '/']).next().map(str::to_owned);
         let tails: Vec<_> = log.iter().map(|name| tail(name)).collect();
         let missing = unmatched(robot, log).0;
-        // One that only its prefix parts from the log's is not to blame.
+        // The message should not name a joint whose name differs from one of the log only by its prefix.
         let odd = missing.iter().find(|&&joint| !tails.contains(&tail(&robot[joint])));
         match odd.or(missing.first()) {
             Some(&joint) => {
@@ -58,8 +58,8 @@ pub fn reorder(robot: &[String], log: &[String]) -> Result<Vec<usize>, JointName
     })
 }
 
-/// The joints of the robot, by number, that are not in the log, and how many names of the log are none of the
-/// robot's; names are taken for the same as [`reorder`] does, if more are the same then.
+/// Indices of the joints of the robot that are not in the log, and the number of names of the log that the robot does
+/// not have. Of the ways in which [`reorder`] compares names, the one with the fewest missing joints is used.
 pub fn unmatched(robot: &[String], log: &[String]) -> (Vec<usize>, usize) {
     let of = |robot: &[String], log: &[String]| {
         let missing: Vec<usize> =
@@ -68,19 +68,19 @@ pub fn unmatched(robot: &[String], log: &[String]) -> (Vec<usize>, usize) {
     };
     let (exact, alike) = (of(robot, log), of(&bare(robot), &bare(log)));
     let by_number = renamed_by_number(robot, log).map(|log| of(robot, &log));
-    // Of equal ones the first.
+    // `min_by_key` takes the first of equal ones.
     let all = [Some(exact), Some(alike), by_number];
     all.into_iter().flatten().min_by_key(|(missing, _)| missing.len()).expect("there are two")
 }
 
-/// Names that are the same but for a number, by that number.
+/// A series of names that differ only in their number, by number.
 type Counted<'a> = BTreeMap<u32, &'a str>;
 
-/// Joints without which numbers say nothing.
+/// Shortest series of numbered names that is matched by number.
 const LEAST_COUNTED: usize = 4;
 
-/// Names of the log, those that count like most names of the robot replaced by these; `None` unless each side has one such
-/// series without a gap.
+/// The names of the log, in which one series is replaced by the longest series of the robot. `None` if the robot has no
+/// series, or if the log has not exactly one series of that length without the name of a robot.
 fn renamed_by_number(robot: &[String], log: &[String]) -> Option<Vec<String>> {
     let own = counted(robot).into_iter().max_by_key(Counted::len)?;
     let of_any_robot = |series: &Counted<'_>| series.values().all(|name| is_of_any_robot(name));
@@ -97,14 +97,15 @@ fn renamed_by_number(robot: &[String], log: &[String]) -> Option<Vec<String>> {
     Some(log.iter().map(|name| of_own(name).unwrap_or_else(|| name.clone())).collect())
 }
 
-/// Whether a name says no robot: `joint_3`, `actuators[2]`, `A3`; but not `panda_joint3`.
+/// Whether a name does not contain the name of a robot: true for `joint_3`, `actuators[2]`, `A3`; false for
+/// `panda_joint3`.
 fn is_of_any_robot(name: &str) -> bool {
     let letters: String = name.chars().filter(|sign| sign.is_alphabetic()).collect();
     let known = ["", "a", "j", "q", "axis", "joint", "joints", "actuator", "actuators"];
     known.contains(&letters.to_lowercase().as_str())
 }
 
-/// The series that names count in, from 0 or 1 on.
+/// The series of numbered names that start at 0 or 1, have no gap and have at least [`LEAST_COUNTED`] names.
 fn counted(names: &[String]) -> Vec<Counted<'_>> {
     let mut series: BTreeMap<(&str, &str), Counted<'_>> = BTreeMap::new();
     for name in names {
@@ -122,7 +123,7 @@ fn counted(names: &[String]) -> Vec<Counted<'_>> {
     series.into_values().filter(is_whole).collect()
 }
 
-/// Names without what all of them begin and end with.
+/// The names without the prefix and the suffix that all of them share.
 fn bare(names: &[String]) -> Vec<String> {
     let prefix = common_prefix(names);
     let rest: Vec<&str> = names.iter().map(|name| &name[prefix..]).collect();
@@ -134,7 +135,7 @@ fn bare(names: &[String]) -> Vec<String> {
     rest.iter().map(|name| name[..name.len() - end].to_owned()).collect()
 }
 
-/// Bytes that all names begin with, up to the last `_` or `/` among them; none of a single name.
+/// Length of the prefix that all names share, up to its last `_` or `/`, bytes; 0 for a single name.
 fn common_prefix(names: &[String]) -> usize {
     let [first, others @ ..] = names else { return 0 };
     let common =
@@ -170,7 +171,7 @@ mod tests {
         let mut with_finger = arm("panda_");
         with_finger.insert(0, "panda_finger_joint1".to_owned());
         assert_eq!(reorder(&arm("fer_"), &with_finger), Ok(vec![1, 2, 3]));
-        // What only some names have is no prefix.
+        // A prefix counts only if all names have it.
         let two_arms = [arm("left_"), arm("right_")].concat();
         assert!(reorder(&arm("fr3_"), &two_arms).is_err());
         assert_eq!(reorder(&arm("right_"), &two_arms), Ok(vec![3, 4, 5]));
@@ -183,7 +184,7 @@ mod tests {
         let log = names(&["elbow", "wrist_1", "shoulder_pan"]);
         assert_eq!(reorder(&robot, &log), Ok(vec![2, 0, 1]));
         assert_eq!(reorder(&log, &robot), Ok(vec![1, 2, 0]));
-        // What only some names have is no ending.
+        // A suffix counts only if all names have it.
         assert!(reorder(&names(&["elbow_joint", "wrist"]), &names(&["elbow", "wrist"])).is_err());
     }
 

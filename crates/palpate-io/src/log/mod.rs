@@ -1,8 +1,8 @@
 //! Logs: what a robot recorded while it touched an object, as a stream of events.
 //!
-//! A log is read from its beginning to its end and never held whole, so that a file of any length,
-//! a bag and a running robot all look the same: a touch starts, its samples follow, the next touch
-//! starts. A touch ends where the next one starts or the log ends.
+//! A log is read from its beginning to its end and never held whole in memory, so that a file of
+//! any length, a bag and a running robot give the same stream: a touch starts, its samples follow,
+//! the next touch starts. A touch ends where the next one starts or the log ends.
 //!
 //! | layout                                       | module         |
 //! |----------------------------------------------|----------------|
@@ -12,15 +12,15 @@
 //! | bag of ROS 2: `.mcap`, `.db3`, their folder  | `bag`          |
 //! | `.parquet`, or a data set of LeRobot         | `parquet`      |
 //!
-//! | what they share                                        | module    |
+//! | common to several layouts                              | module    |
 //! |--------------------------------------------------------|-----------|
-//! | unit of angles, clock, touches parted by gaps in time  | `reader`  |
-//! | several files that are one log                         | `files`   |
-//! | which column of a table is what                        | `columns` |
-//! | names of touches, no two the same                      | `names`   |
+//! | unit of angles, clock, touches split at gaps in time   | `reader`  |
+//! | several files that form one log                        | `files`   |
+//! | recognition of the columns of a table                  | `columns` |
+//! | unique names of touches                                | `names`   |
 //!
-//! Torques are handed on as logged: neither gravity nor bias is known here. `truth/` beside the
-//! touches is read by [`external_truth`] alone, never by a log.
+//! Torques are returned as logged: gravity and bias are not removed here. Only [`external_truth`]
+//! reads the folder `truth/` beside the touches; a log never does.
 
 mod bag;
 mod columns;
@@ -57,27 +57,27 @@ pub use options::{AngleUnit, CsvColumns, LogOptions};
 pub use palpate::Sample;
 pub use truth::{external_truth, is_simulated};
 
-/// More joints than any arm has: an array this wide is something else, or turned on its side.
+/// Largest number of joints; a wider array is refused as transposed or as something else.
 const MAX_JOINTS: usize = 64;
 
 /// Opens a log, whatever its format.
 ///
-/// Headers and lengths of every file are checked before the first event, so that most defects show
-/// before any work is done. A folder that holds touches as npy is read as such even if tables lie
-/// beside them.
+/// Headers and lengths of every file are checked before the first event, so that most defects are
+/// found before any work is done. If a folder contains touches as npy, they are read, and tables
+/// beside them are ignored.
 ///
 /// # Errors
 ///
-/// [`LogError`], each naming the file and the remedy.
+/// [`LogError`], whose message names the file and the remedy.
 pub fn open(path: &Path, options: &LogOptions) -> Result<Box<dyn Log>, LogError> {
     Ok(Box::new(Reader::new(source(path, options)?, options)))
 }
 
-/// The log as its format has it.
+/// Opens a log in the format that is found, before the processing of `reader`.
 fn source(path: &Path, options: &LogOptions) -> Result<Box<dyn Source>, LogError> {
     let failed = |source| LogError::reading(path, source);
     let is_folder = path.metadata().map_err(failed)?.is_dir();
-    // A file or a single touch stands for itself, any other folder for what lies right below it.
+    // A file or a single touch is read by itself; of any other folder, its direct entries.
     let is_one = !is_folder || npy_folder::is_touch(path);
     let entries =
         if is_one { vec![path.to_owned()] } else { folder::listed(path).map_err(failed)? };
@@ -112,12 +112,12 @@ fn source(path: &Path, options: &LogOptions) -> Result<Box<dyn Source>, LogError
     Err(LogError::NoTouch { path: path.to_owned(), found, wanted: WANTED })
 }
 
-/// What a path must be to be a log.
+/// The supported kinds of logs, for an error message.
 const WANTED: &str = "a folder with `angles.npy` and `torques.npy`, a folder of such folders, \
                       a .csv file or a folder of .csv files, a bag of ROS 2 (.mcap, .db3 or their \
                       folder), Parquet (.parquet or a folder of them)";
 
-/// Says what a folder holds instead of touches.
+/// Describes the entries of a folder without touches, for an error message.
 fn contents(entries: &[PathBuf]) -> String {
     let names: Vec<String> = entries.iter().map(|entry| npy_folder::name_of(entry)).collect();
     match names.as_slice() {

@@ -1,17 +1,17 @@
-//! Names of touches, no two of which are the same.
+//! Unique names of touches.
 
 use std::collections::HashMap;
 
-/// Names that differ.
+/// The names used so far, all different.
 #[derive(Debug, Default)]
 pub(super) struct Names {
     given: Vec<String>,
-    /// How often each name was asked for.
+    /// How often each name was requested.
     times: HashMap<String, u32>,
 }
 
 impl Names {
-    /// Gives a name, with a number behind it if it was given before.
+    /// Adds a name; if it was used before, a number is appended.
     pub(super) fn start(&mut self, name: &str) {
         let mut unique = name.to_owned();
         while self.times.contains_key(&unique) {
@@ -23,12 +23,12 @@ impl Names {
         self.given.push(unique);
     }
 
-    /// The name that was given last.
+    /// The name that was added last.
     pub(super) fn latest(&self) -> &str {
         self.given.last().map_or("touch", String::as_str)
     }
 
-    /// All names in their order.
+    /// All names in the order in which they were added.
     pub(super) fn given(&self) -> &[String] {
         &self.given
     }

@@ -1,14 +1,14 @@
 //! Touches as folders of npy files, the layout of OpenVSF: `seq_0/angles.npy`, `torques.npy`.
 //!
-//! | file          | or one that is called like columns are   | shape      | unit | needed |
+//! | file          | or a name as of a CSV column             | shape      | unit | needed |
 //! |---------------|------------------------------------------|------------|------|--------|
 //! | `angles.npy`  | `q.npy`, `joint_positions.npy`, ...      | T x n      | rad  | yes    |
 //! | `torques.npy` | `tau.npy`, `measured_torques.npy`, ...   | T x n      | N·m  | yes    |
 //! | `time.npy`    | `t.npy`, `timestamps_ns.npy`, ...        | T or T x 1 | s    | no     |
 //!
 //! A log is one such folder or a folder of them, read in natural order. The files of a touch are
-//! read in lock-step, a block of rows at a time. Shapes and lengths of *all* touches are checked
-//! when the log is opened, NaN and infinity as the rows come by.
+//! read in parallel, a block of rows at a time. Shapes and lengths of *all* touches are checked
+//! when the log is opened, NaN and infinity when the rows are read.
 
 use std::fs::File;
 use std::io;
@@ -26,12 +26,13 @@ use super::options::LogOptions;
 use crate::input;
 use crate::npy::Rows;
 
-/// What is said of a folder that lacks one of them.
+/// Error message for a folder in which one of the two is missing.
 const WANTED: &str = "a touch needs `angles.npy` and `torques.npy`";
 
 /// Whether a folder holds a touch.
 ///
-/// A folder with only one of the two files counts, so that an error names the missing one.
+/// A folder with only one of `angles.npy` and `torques.npy` counts: opening it then names the
+/// missing file.
 pub(super) fn is_touch(folder: &Path) -> bool {
     folder.join("angles.npy").is_file()
         || folder.join("torques.npy").is_file()
@@ -46,7 +47,8 @@ struct Arrays {
 }
 
 impl Arrays {
-    /// Those that are called as in OpenVSF, or else the only one that is called so.
+    /// The arrays with the names of OpenVSF; for each that is missing, the only array with another
+    /// known name.
     fn of(folder: &Path) -> Self {
         let (arrays, names) = Self::named(folder);
         let called = |name: &str, spelling: &Spelling| {
@@ -72,7 +74,7 @@ impl Arrays {
         }
     }
 
-    /// The arrays of a folder, and their names.
+    /// The npy files of a folder, and their names without extension.
     fn named(folder: &Path) -> (Vec<PathBuf>, Vec<String>) {
         let listed = folder::listed(folder).unwrap_or_default();
         let is_array = |path: &PathBuf| folder::is_file_with(path, &["npy"]);
@@ -83,7 +85,8 @@ impl Arrays {
         named.unzip()
     }
 
-    /// Whether some arrays of a folder are called like positions, and some like torques.
+    /// Whether a folder has arrays with known names of positions, and arrays with known names of
+    /// torques.
     fn are_called_so(folder: &Path) -> bool {
         let (_, names) = Self::named(folder);
         let any = |spelling: &Spelling| names.iter().any(|name| spelling.is_of_array(name));
@@ -91,14 +94,14 @@ impl Arrays {
     }
 }
 
-/// Name of a touch: that of its folder, even if the path is `.`.
+/// Name of a touch: the name of its folder, even if the path is `.`.
 pub(super) fn name_of(folder: &Path) -> String {
     let named = folder.file_name().map(ToOwned::to_owned);
     let named = named.or_else(|| Some(folder.canonicalize().ok()?.file_name()?.to_owned()));
     named.map_or_else(|| "touch".to_owned(), |name| name.to_string_lossy().into_owned())
 }
 
-/// One touch, its files open at the same row.
+/// One touch, with its files open at the same row.
 #[derive(Debug)]
 pub(super) struct TouchFolder {
     name: String,
@@ -110,7 +113,7 @@ pub(super) struct TouchFolder {
 impl TouchFile for TouchFolder {
     const FORMAT: Format = Format::NpyFolder;
 
-    /// Opens the files of a touch and checks them against each other.
+    /// Opens the files of a touch and checks that their shapes agree.
     fn open(folder: &Path, _: &LogOptions) -> Result<Self, LogError> {
         let arrays = Arrays::of(folder);
         let angles = Table::open(arrays.angles)?;
@@ -119,7 +122,8 @@ impl TouchFile for TouchFolder {
         let fits = |table: &Table| table.rows.rows == frames && table.rows.columns == 1;
         let time = arrays.time.map(|(time, path)| match path.ends_with("time.npy") {
             true => Table::open(path).map(|table| Some((time, table))),
-            // Another array that is called like a time may be one of something else.
+            // An array with another name may not be the time: it is ignored if its shape does not
+            // fit.
             false => Ok(Table::open(path).ok().filter(fits).map(|table| (time, table))),
         });
         let time = time.transpose()?.flatten();
@@ -171,7 +175,7 @@ impl TouchFile for TouchFolder {
     }
 }
 
-/// An npy file of a touch, and its path for errors.
+/// An npy file of a touch, with its path for error messages.
 #[derive(Debug)]
 pub(super) struct Table {
     path: PathBuf,
@@ -191,7 +195,7 @@ impl Table {
         Ok(Self { path, rows })
     }
 
-    /// A table of joints is T x n with T > 0 and at most `MAX_JOINTS` columns.
+    /// Checks that a table of joints is T x n with T > 0 and 1 to [`MAX_JOINTS`] columns.
     pub(super) fn check_shape(&self) -> Result<(), LogError> {
         let shape = self.rows.shape();
         let remedy = match shape {
@@ -214,7 +218,7 @@ impl Table {
         LogError::Shape { path: self.path.clone(), found: self.rows.shape().to_vec(), wanted }
     }
 
-    /// The next row, every number of it finite.
+    /// The next row; an error if a number in it is not finite.
     pub(super) fn next_row(&mut self) -> Result<Option<Vec<f64>>, LogError> {
         let numbers = match self.rows.next_row() {
             None => return Ok(None),
@@ -307,7 +311,7 @@ mod tests {
         assert_eq!((events.len(), &events[2]), (3, &LogEvent::Sample(second)));
         save(&path("T.npy"), &[[0.0; 3]; 7]);
         assert_eq!(read(set.path()).unwrap(), events);
-        // Those that are called as in OpenVSF count more, and of two others neither does.
+        // The names of OpenVSF have priority; of two other names, neither is used.
         touch(&set.path().join("push"), &[[0.0; 2]; 2], &[[0.0; 2]; 2]);
         assert_eq!(read(set.path()).unwrap()[2].clone(), {
             LogEvent::Sample(Sample::new(Some(2.5), vec![0.0; 2], vec![0.0; 2]))

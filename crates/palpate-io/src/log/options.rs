@@ -1,26 +1,26 @@
-//! How a log is to be read.
+//! Options for reading a log.
 
 use serde::{Deserialize, Serialize};
 
-/// How to read a log.
+/// Options for reading a log.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LogOptions {
-    /// Which columns of a table to read; `None` recognises common spellings.
+    /// Columns of a table to read; `None` recognises common spellings of their names.
     pub columns: Option<CsvColumns>,
-    /// Unit of the logged joint positions; `None` takes degrees where the name of a column says so, else radians.
+    /// Unit of the logged joint positions; `None` means degrees where the name of a column says so, else radians.
     pub angle_unit: Option<AngleUnit>,
-    /// Topic of a bag that holds the samples; `None` takes the only one that can be read.
+    /// Topic of a bag that holds the samples; `None` takes the only topic with a supported type.
     pub topic: Option<String>,
     /// Topic of a bag whose messages each start a touch.
     pub touch_topic: Option<String>,
-    /// Joints of a bag to read, by name; `None` takes those of the message that has most.
+    /// Joints of a bag to read, by name; `None` takes those of the message with the most joints.
     pub joints: Option<Vec<String>>,
-    /// Starts a new touch where two samples lie further apart than this, s.
+    /// Largest time between two samples of one touch, s; a longer gap starts a new touch.
     pub split_gap_s: Option<f64>,
-    /// Motions that are only planned are read, too: a CSV without torques has those of zero.
+    /// Also reads planned motions: in a CSV without torques, all torques are zero.
     pub planned: bool,
-    /// Reads a bag that breaks off up to there, as if it ended.
+    /// Reads a bag that breaks off up to the break, with a warning instead of an error.
     pub until_break: bool,
 }
 
@@ -36,7 +36,7 @@ pub enum AngleUnit {
 }
 
 impl AngleUnit {
-    /// Turns logged positions into radians.
+    /// Converts logged positions to radians.
     pub fn into_rad(self, q: &mut [f64]) {
         if self == Self::Deg {
             q.iter_mut().for_each(|angle| *angle = angle.to_radians());
@@ -44,7 +44,7 @@ impl AngleUnit {
     }
 }
 
-/// Names of the columns of a table. Columns that it does not name are not read.
+/// Names of the columns of a table that are read.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CsvColumns {
@@ -52,11 +52,11 @@ pub struct CsvColumns {
     pub q: Vec<String>,
     /// Joint torques in the same order.
     pub tau: Vec<String>,
-    /// Names of the joints in the same order, if they shall be matched to the robot's.
+    /// Names of the joints in the same order, to match them to the robot's joints.
     pub joints: Option<Vec<String>>,
-    /// Time, in the unit that follows from its name or the size of its first number; `a and b` for a column of seconds
-    /// and one of nanoseconds.
+    /// Time; its unit follows from the name or from the size of the first number. `a and b` names a column of seconds
+    /// and a column of nanoseconds.
     pub time: Option<String>,
-    /// What changes from one touch to the next.
+    /// Column whose value identifies the touch of each row.
     pub touch: Option<String>,
 }

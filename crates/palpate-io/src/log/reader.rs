@@ -1,8 +1,8 @@
-//! What is done to a log of any format: the unit of its angles, its clock, and gaps in time.
+//! Processing that is common to logs of all formats: unit of angles, clock, gaps in time.
 //!
-//! A format hands over touches and samples as they are logged ([`Source`]). The reader turns angles
-//! into radians, warns of a clock that stands still, starts a new touch where the clock leaps, if
-//! that was asked for, and ends a log at its first error.
+//! A format supplies touches and samples as they are logged ([`Source`]). The reader converts
+//! angles to radians, warns of a clock that stands still or runs backwards, starts a new touch at
+//! gaps in time if the options say so, and ends a log at its first error.
 
 use std::collections::VecDeque;
 
@@ -12,12 +12,12 @@ use super::error::LogError;
 use super::event::{Log, LogDescription, LogEvent, LogWarning};
 use super::options::{AngleUnit, LogOptions};
 
-/// A log as its format has it.
+/// A log in one format, before the processing by [`Reader`].
 pub(super) trait Source: Send {
-    /// What is known of the log before it is read.
+    /// Description of the log.
     fn describe(&self) -> LogDescription;
 
-    /// Reads on until `events` holds something; nothing is the end.
+    /// Reads until `events` is not empty; if it stays empty, the log has ended.
     fn read_on(
         &mut self,
         events: &mut VecDeque<LogEvent>,
@@ -30,32 +30,32 @@ pub(super) struct Reader {
     source: Box<dyn Source>,
     angle_unit: Option<AngleUnit>,
     split_gap_s: Option<f64>,
-    /// Events that are read and not handed on yet.
+    /// Events that are read but not returned yet.
     events: VecDeque<LogEvent>,
-    /// A sample whose touch, parted from the one before by a gap, has just been announced.
+    /// The first sample after a gap, to be returned after the start of its touch.
     after_gap: Option<LogEvent>,
     touch: Touch,
     warnings: Vec<LogWarning>,
     over: bool,
 }
 
-/// The touch under way, as the log has it.
+/// The current touch of the log, before it is split at gaps.
 #[derive(Default)]
 struct Touch {
     name: String,
     joint_names: Option<Vec<String>>,
-    /// Samples so far.
+    /// Number of samples so far.
     samples: u64,
-    /// Touches that gaps have made of it.
+    /// Number of touches that it was split into so far.
     parts: u32,
-    /// Time of the sample before.
+    /// Time of the previous sample, s.
     before_s: Option<f64>,
-    /// Whether its clock was warned of.
+    /// Whether there was a warning about its clock.
     warned: bool,
 }
 
 impl Reader {
-    /// Stands before the first event.
+    /// A reader before the first event.
     pub(super) fn new(source: Box<dyn Source>, options: &LogOptions) -> Self {
         Self {
             source,
@@ -89,7 +89,7 @@ impl Reader {
         }
     }
 
-    /// The event of a sample: itself, or the start of a touch before it.
+    /// The event for a sample: the sample itself or, after a gap, the start of a touch before it.
     fn sample(&mut self, mut sample: Sample) -> Result<LogEvent, LogError> {
         if let Some(unit) = self.angle_unit {
             unit.into_rad(&mut sample.q);
@@ -110,7 +110,7 @@ impl Reader {
         Ok(LogEvent::TouchStarts { name, joint_names: self.touch.joint_names.clone() })
     }
 
-    /// Warns, once a touch, if the time of a sample is not after that of the one before.
+    /// Warns, once per touch, if the time of a sample is not after that of the previous sample.
     fn watch_clock(&mut self, before_s: Option<f64>, now_s: Option<f64>) {
         let Some((before_s, now_s)) = before_s.zip(now_s).filter(|(before, now)| now <= before)
         else {

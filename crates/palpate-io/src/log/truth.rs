@@ -1,4 +1,4 @@
-//! The true contact torque beside simulated touches: for checking, never an input.
+//! The true external torque stored beside simulated touches: for evaluation only, never an input.
 
 use super::error::LogError;
 use super::npy_folder::{Table, name_of};
@@ -6,12 +6,12 @@ use std::path::Path;
 
 /// Reads `truth/<touch>_external.npy`, the true external torque of a touch: T rows of n, N·m.
 ///
-/// `log` is the folder of the set, or that of a single touch within it, whose truth then stands
+/// `log` is the folder of the set, with `truth/` in it, or a file or single touch with `truth/`
 /// beside it. `None` if there is no such file, as for any log of a real robot.
 ///
 /// # Errors
 ///
-/// If the file is there but is broken or holds a number that is not finite.
+/// If the file exists but is broken or holds a number that is not finite.
 pub fn external_truth(log: &Path, touch: &str) -> Result<Option<Vec<Vec<f64>>>, LogError> {
     let log = log.canonicalize().map_err(|source| LogError::reading(log, source))?;
     let file = format!("truth/{touch}_external.npy");
@@ -33,8 +33,8 @@ pub fn external_truth(log: &Path, touch: &str) -> Result<Option<Vec<Vec<f64>>>, 
     Ok(Some(rows))
 }
 
-/// Whether a log says of itself that it was simulated: a `truth/` folder lies in it or, if it is a
-/// single touch, beside it. Nothing of it is read.
+/// Whether a log was simulated: there is a folder `truth/` in it or beside it. The folder is not
+/// read.
 pub fn is_simulated(log: &Path) -> bool {
     let Ok(log) = log.canonicalize() else { return false };
     let beside = log.parent().is_some_and(|parent| parent.join("truth").is_dir());

@@ -1,9 +1,10 @@
-//! Touches out, as arrays or as a table, one sample after another; [`super::bag_write`] has bags.
+//! Writes touches as arrays or as a table, one sample after another; [`super::bag_write`] writes
+//! bags.
 //!
-//! Both read back as they were, to the last bit: names of touches and joints, times, positions and
-//! torques (arrays name no joints). A folder of arrays appears whole or not at all; its touches
-//! are read in natural order, so they get numbers before their names where that is not theirs, and
-//! names that no folder can have are changed.
+//! Both read back identically, to the last bit: names of touches and joints, times, positions and
+//! torques (arrays contain no joint names). A folder of arrays appears whole or not at all. Its
+//! touches are read in natural order; if that differs from the order of writing, numbers are put
+//! before their names. Characters that a folder name cannot have are replaced.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
@@ -17,7 +18,7 @@ use super::names::Names;
 use crate::atomic;
 use crate::npy::write_header;
 
-/// Writes touches as a table, with a column for the touch, the time if there is one, positions and
+/// Writes touches as a CSV table with columns for touch, time (if there is one), positions and
 /// torques.
 pub struct TableWriter<W: Write> {
     out: ::csv::Writer<W>,
@@ -30,12 +31,12 @@ pub struct TableWriter<W: Write> {
 impl<W: Write> TableWriter<W> {
     /// A table for samples of these joints, or of joints without names.
     pub fn new(out: W, joints: Option<Vec<String>>) -> Self {
-        // A touch may be called as comments begin: it is quoted.
+        // The name of a touch may begin like a comment, with `#`: it is then quoted.
         let out = ::csv::WriterBuilder::new().comment(Some(b'#')).from_writer(out);
         Self { out, joints, names: Names::default(), timed: None }
     }
 
-    /// Starts a touch.
+    /// Starts a touch; a number is appended to a name that was used before.
     pub fn touch(&mut self, name: &str) {
         self.names.start(name);
     }
@@ -44,7 +45,7 @@ impl<W: Write> TableWriter<W> {
     ///
     /// # Errors
     ///
-    /// If it cannot be written, or is not like the first one: joints, or a time.
+    /// If it cannot be written, or if only one of this and the first sample has a time.
     pub fn sample(&mut self, sample: &Sample) -> io::Result<()> {
         let timed = match self.timed {
             Some(timed) => timed,
@@ -59,11 +60,11 @@ impl<W: Write> TableWriter<W> {
         Ok(self.out.write_record(&row)?)
     }
 
-    /// Ends the table.
+    /// Writes the remaining rows.
     ///
     /// # Errors
     ///
-    /// If the end cannot be written.
+    /// If they cannot be written.
     pub fn finish(mut self) -> io::Result<()> {
         self.out.flush()
     }
@@ -90,7 +91,7 @@ impl<W: Write> TableWriter<W> {
     }
 }
 
-/// Writes touches as folders of arrays, in a folder that appears when all is written.
+/// Writes touches as folders of arrays, in a folder that appears when everything is written.
 pub struct ArraysWriter {
     target: PathBuf,
     hidden: TempDir,
@@ -100,11 +101,11 @@ pub struct ArraysWriter {
 }
 
 impl ArraysWriter {
-    /// A folder that is not there yet.
+    /// A writer for a folder that does not exist yet.
     ///
     /// # Errors
     ///
-    /// If something is there, or nothing can be written beside it.
+    /// If `target` exists, or its parent folder is not writable.
     pub fn new(target: &Path) -> io::Result<Self> {
         if target.exists() {
             let what = "it exists already; choose another name, or remove it";
@@ -124,14 +125,14 @@ impl ArraysWriter {
     ///
     /// # Errors
     ///
-    /// If its folder cannot be made, or the touch before cannot be ended.
+    /// If its folder cannot be created, or the previous touch cannot be completed.
     pub fn touch(&mut self, name: &str) -> io::Result<()> {
         self.end_touch()?;
         let plain: String = name
             .chars()
             .map(|c| if c.is_control() || "/\\:".contains(c) { '_' } else { c })
             .collect();
-        // A file system takes 255 bytes, and numbers may come before and behind.
+        // File systems allow names of 255 bytes; numbers may be added before and after the name.
         let plain = plain[..plain.floor_char_boundary(200)].trim_matches(['.', ' ']);
         self.names.start(if plain.is_empty() { "touch" } else { plain });
         let folder = self.hidden.path().join(self.names.latest());
@@ -144,17 +145,18 @@ impl ArraysWriter {
     ///
     /// # Errors
     ///
-    /// If it cannot be written, or is not like the first one: joints, or a time.
+    /// If it cannot be written, or differs from the first sample of the touch in the number of
+    /// joints or in having a time.
     pub fn sample(&mut self, sample: &Sample) -> io::Result<()> {
         let touch = self.touch.as_mut().ok_or_else(|| unlike("touch"))?;
         touch.sample(sample)
     }
 
-    /// Ends the folder, which then appears.
+    /// Completes the folder and renames it to its final name.
     ///
     /// # Errors
     ///
-    /// If the last touch cannot be ended, or the folder cannot take its name.
+    /// If the last touch cannot be completed, or the folder cannot be renamed.
     pub fn finish(mut self) -> io::Result<()> {
         self.end_touch()?;
         let names = self.names.given();
@@ -173,10 +175,11 @@ impl ArraysWriter {
     }
 }
 
-/// Angles, torques, and times if there are any.
+/// Files of the angles, of the torques, and of the times if there are any.
 type Arrays = (BufWriter<File>, BufWriter<File>, Option<BufWriter<File>>);
 
-/// The arrays of one touch; their headers are put right at the end.
+/// The arrays of one touch; their headers are rewritten at the end, when the number of rows is
+/// known.
 struct Touch {
     folder: PathBuf,
     files: Option<Arrays>,
@@ -217,7 +220,7 @@ impl Touch {
 
     fn finish(self) -> io::Result<()> {
         let Some((angles, torques, time)) = self.files else {
-            return fs::remove_dir(self.folder); // a touch without a sample is none
+            return fs::remove_dir(self.folder); // a touch without samples is not written
         };
         let table = [self.rows, self.joints];
         let mut files = vec![(angles, &table[..]), (torques, &table)];

@@ -1,4 +1,4 @@
-//! From pixels to points of the world, and an account of what was left out.
+//! Converts pixels to points in the world frame, and counts the pixels that are left out.
 
 use super::camera::Camera;
 use super::dropped::Dropped;
@@ -8,17 +8,17 @@ use super::images::{ColourImage, DepthImage};
 use crate::cloud::Cloud;
 use nalgebra::Point3;
 
-/// Medians of depth beyond which the unit is in doubt, m.
+/// Smallest and largest plausible median depth, m; outside, the unit is reported as wrong.
 const PLAUSIBLE_MEDIAN_M: [f64; 2] = [0.02, 50.0];
 
-/// Which pixels become points.
+/// Settings that decide which pixels become points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BackProjectionConfig {
-    /// Nearest and farthest depth that is kept, m along the optical axis.
+    /// Smallest and largest depth that is kept, m along the optical axis.
     pub depth_range_m: [f64; 2],
-    /// Lowest and highest corner of the box that is kept, m, world frame; `None` keeps all.
+    /// Lower and upper corner of the box that is kept, m, world frame; `None` keeps all points.
     pub crop: Option<[Point3<f64>; 2]>,
-    /// What is taken for a flying pixel; `None` keeps them.
+    /// Criterion for flying pixels, which are dropped; `None` keeps them.
     pub flying: Option<FlyingPixels>,
 }
 
@@ -29,32 +29,31 @@ impl Default for BackProjectionConfig {
     }
 }
 
-/// A picture as a cloud.
+/// The cloud of an image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BackProjection {
-    /// One point a pixel that was kept, row by row.
+    /// One point for each pixel that was kept, row by row.
     pub cloud: Cloud,
     /// The pixel (u, v) of each point.
     pub pixels: Vec<[u32; 2]>,
-    /// The other pixels.
+    /// Numbers of the other pixels.
     pub dropped: Dropped,
 }
 
-/// Makes a point of the world of each pixel that has a depth, as far as `config` wants it.
+/// Converts each pixel that has a depth, and that `config` keeps, to a point in the world frame.
 ///
-/// Depth is along the optical axis; the centre of the first pixel is at (0, 0). Whether a pixel
-/// flies is judged from the whole image, before anything is cut away.
+/// Depth is along the optical axis; the centre of the first pixel is at (0, 0). Flying pixels are
+/// detected in the whole image, before it is cropped.
 ///
-/// Cost: O(pixels), and one small iteration each if the lens distorts.
+/// Cost: O(pixels), with a few Newton steps per pixel if the lens distorts.
 ///
 /// # Errors
 ///
-/// If images and camera differ in size, the median depth says that the unit is wrong, or no pixel
-/// is left.
+/// If images and camera differ in size, the median depth is implausible, or no pixel is left.
 ///
 /// # Panics
 ///
-/// If a bound of `config` is not a number, or an upper one is below the lower one.
+/// If a bound of `config` is NaN, or an upper bound is below the lower one.
 pub fn back_project(
     colour: &ColourImage,
     depth: &DepthImage,
@@ -87,10 +86,10 @@ pub fn back_project(
     Ok(BackProjection { cloud: Cloud::new(points, Some(colours)), pixels, dropped })
 }
 
-/// Where a count of [`Dropped`] is kept.
+/// Selects a count of [`Dropped`].
 type Reason = fn(&mut Dropped) -> &mut usize;
 
-/// The point that a pixel shows, or why it is left out.
+/// The point of a pixel, or the reason why it is left out.
 fn point_at(
     depth: &DepthImage,
     camera: &Camera,

@@ -1,12 +1,12 @@
-//! Where a pixel looks.
+//! Camera model: intrinsics and pose.
 
 use super::distortion::Distortion;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 
-/// Longest side of an image that is read, in pixels.
+/// Longest side of an image, pixels; a larger image is refused.
 pub(super) const MAX_SIDE: u32 = 16_384;
 
-/// How a camera maps what is ahead of it to pixels.
+/// Intrinsic parameters of a camera: size, focal lengths, centre and lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Intrinsics {
     width: u32,
@@ -19,12 +19,12 @@ pub struct Intrinsics {
 }
 
 impl Intrinsics {
-    /// Checks and takes the size in pixels, `[fx, fy]` and `[cx, cy]` in pixels, and the lens.
+    /// Checks the parameters: the size, `[fx, fy]` and `[cx, cy]`, all in pixels, and the lens.
     ///
     /// # Errors
     ///
-    /// Half a sentence that says what no camera could have: no pixels, a focal length that is not
-    /// positive or belongs to another unit, a centre far outside of the image.
+    /// The end of a message, for an impossible value: no or too many pixels, a focal length that is
+    /// not positive or seems to be in another unit, a centre far outside of the image.
     pub fn new(
         [width, height]: [u32; 2],
         focal: [f64; 2],
@@ -60,21 +60,22 @@ impl Intrinsics {
         Ok(Self { width, height, focal: focal.into(), centre: centre.into(), distortion })
     }
 
-    /// Pixels a row, and rows.
+    /// Width and height, pixels.
     #[must_use]
     pub fn size(&self) -> [u32; 2] {
         [self.width, self.height]
     }
 
-    /// Where a pixel looks, in the camera's frame: a vector with z = 1. `None` where the lens
-    /// cannot show anything.
+    /// The ray of a pixel in the camera's frame: a vector with z = 1. `None` where the lens model
+    /// has no inverse.
     #[must_use]
     pub fn ray(&self, pixel: [f64; 2]) -> Option<Vector3<f64>> {
         let seen = (Vector2::from(pixel) - self.centre).component_div(&self.focal);
         self.distortion.undistort(seen).map(|ideal| ideal.push(1.0))
     }
 
-    /// The pixel that shows a point of the camera's frame; `None` if it is not ahead.
+    /// The pixel of a point in the camera's frame; `None` if the point is not in front of the
+    /// camera.
     #[must_use]
     pub fn project(&self, point: &Point3<f64>) -> Option<[f64; 2]> {
         (point.z > 0.0).then(|| {
@@ -87,14 +88,15 @@ impl Intrinsics {
 /// A camera and its pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
-    /// How it maps what is ahead of it to pixels.
+    /// Size, focal lengths, centre and lens.
     pub intrinsics: Intrinsics,
-    /// Where it stands; its frame has x to the right, y down and z forward.
+    /// Pose of the camera's frame: x to the right, y down, z forward.
     pub world_from_camera: Isometry3<f64>,
 }
 
 impl Camera {
-    /// The pixel (u, v), not rounded, that shows a point of the world; `None` if it is behind.
+    /// The pixel (u, v), not rounded, of a point in the world frame; `None` if the point is not in
+    /// front of the camera.
     #[must_use]
     pub fn project(&self, point: &Point3<f64>) -> Option<[f64; 2]> {
         self.intrinsics.project(&self.world_from_camera.inverse_transform_point(point))

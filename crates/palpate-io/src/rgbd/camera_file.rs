@@ -1,6 +1,6 @@
-//! Cameras as text: JSON of palpate's data and of Open3D, YAML of ROS.
+//! Reads cameras from text: JSON of palpate's data and of Open3D, YAML of ROS.
 //!
-//! | who                           | matrix                                   | pose                       |
+//! | format                        | matrix                                   | pose                       |
 //! |-------------------------------|------------------------------------------|----------------------------|
 //! | palpate                       | `fx fy cx cy`, or `K` by rows            | `camera_to_world` by rows  |
 //! | Open3D, intrinsic             | `intrinsic_matrix` by columns            |                            |
@@ -8,11 +8,11 @@
 //! | ROS, `camera_calibration`     | `camera_matrix.data` by rows             |                            |
 //! | ROS, message                  | `k` or `K` by rows                       |                            |
 //!
-//! All of them are read into one tree; its keys show which one it is. ROS's `K` and `D` describe the
-//! raw image; for a rectified one (`image_rect`) the coefficients must be zero.
+//! All of them are parsed to a tree, whose keys show the format. ROS's `K` and `D` describe the raw
+//! image; for a rectified one (`image_rect`) the coefficients must be zero.
 //!
-//! YAML is read by `serde-saphyr`: `serde_yaml` is archived, its forks carry a translated C
-//! library, and this one bounds depth and size of what it reads.
+//! YAML is parsed by `serde-saphyr`, which limits depth and size: `serde_yaml` is archived, and its
+//! forks contain a translated C library.
 
 use super::camera::{Camera, Intrinsics};
 use super::distortion::Distortion;
@@ -22,20 +22,20 @@ use nalgebra::Isometry3;
 use serde_json::Value;
 use std::path::Path;
 
-/// Longest text that is read, bytes.
+/// Largest length of a text, bytes; a longer one is refused.
 const MAX_BYTES: usize = 1 << 20;
 
-/// What a file says about a camera.
+/// Content of a camera file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraFile {
-    /// How it maps what is ahead of it to pixels.
+    /// Size, focal lengths, centre and lens.
     pub intrinsics: Intrinsics,
-    /// Where it stands, if the file says so.
+    /// Pose of the camera, if the file contains it.
     pub world_from_camera: Option<Isometry3<f64>>,
 }
 
 impl CameraFile {
-    /// The camera, standing where `pose` says or else where the file says; `None` if neither does.
+    /// The camera at `pose` or else at the pose in the file; `None` without either.
     #[must_use]
     pub fn at(&self, pose: Option<Isometry3<f64>>) -> Option<Camera> {
         let world_from_camera = pose.or(self.world_from_camera)?;
@@ -43,7 +43,7 @@ impl CameraFile {
     }
 }
 
-/// Reads a camera from JSON or YAML, whichever of the above it is.
+/// Reads a camera from JSON or YAML, in any of the formats of palpate, Open3D and ROS.
 ///
 /// # Errors
 ///
@@ -52,7 +52,7 @@ pub fn read_camera(path: &Path) -> Result<CameraFile, RgbdError> {
     decode_camera(&bytes_of(path)?, path)
 }
 
-/// Reads a camera from bytes; `path` is for errors only.
+/// Reads a camera from bytes; `path` is for error messages.
 pub(super) fn decode_camera(bytes: &[u8], path: &Path) -> Result<CameraFile, RgbdError> {
     let wrong = |reason: String| RgbdError::Camera { path: path.to_owned(), reason };
     let tree = tree(bytes).map_err(wrong)?;
@@ -67,7 +67,7 @@ pub(super) fn decode_camera(bytes: &[u8], path: &Path) -> Result<CameraFile, Rgb
     Ok(CameraFile { intrinsics, world_from_camera: pose.transpose()? })
 }
 
-/// Where the camera stands, as the value of a key says it.
+/// The pose `world_from_camera` from the value of the key `camera_to_world` or `extrinsic`.
 fn pose_at(key: &str, value: &Value) -> Result<Isometry3<f64>, String> {
     let numbers = numbers_in(value)?;
     if key == "camera_to_world" {
@@ -77,7 +77,7 @@ fn pose_at(key: &str, value: &Value) -> Result<Isometry3<f64>, String> {
     Ok(pose_of(&by_rows)?.inverse())
 }
 
-/// The text as a tree; a YAML text may hold several documents, of which the first counts.
+/// Parses a text to a tree; of several YAML documents, the first is used.
 fn tree(bytes: &[u8]) -> Result<Value, String> {
     if bytes.len() > MAX_BYTES {
         return Err("is longer than 1 MiB, too long for a camera".to_owned());
@@ -118,7 +118,7 @@ fn intrinsics(camera: &Value) -> Result<Intrinsics, String> {
     Intrinsics::new(size, [fx, fy], [cx, cy], distortion(camera)?)
 }
 
-/// Focal lengths and centre, from whichever key has them.
+/// Focal lengths and centre, pixels, from any of the known keys.
 fn matrix(camera: &Value) -> Result<([f64; 2], [f64; 2]), String> {
     let single = |name: &str| camera.get(name).and_then(Value::as_f64);
     if let (Some(fx), Some(fy), Some(cx), Some(cy)) =
@@ -146,7 +146,7 @@ fn matrix(camera: &Value) -> Result<([f64; 2], [f64; 2]), String> {
     }
 }
 
-/// The numbers of a list, or of the `data` of a matrix.
+/// The numbers in a list, or in the key `data` of a matrix.
 fn list(camera: &Value, key: &str) -> Result<Vec<f64>, String> {
     let value = camera.get(key).map(|value| value.get("data").unwrap_or(value));
     let numbers = value.and_then(|value| numbers_in(value).ok());
@@ -162,7 +162,7 @@ fn distortion(camera: &Value) -> Result<Distortion, String> {
         Some(key) if !camera[key].is_null() => list(camera, key)?,
         _ => Vec::new(),
     };
-    // OpenCV may write as many as 14, of which only prisms and tilted sensors need the last.
+    // OpenCV may write 14 coefficients; those after the eighth are zero except for prisms and tilted sensors.
     while coefficients.len() > 8 && coefficients.last() == Some(&0.0) {
         coefficients.pop();
     }
@@ -177,7 +177,7 @@ fn distortion(camera: &Value) -> Result<Distortion, String> {
     })
 }
 
-/// A value as text that fits in a line.
+/// A value as text of at most 24 characters.
 fn shortened(value: &Value) -> String {
     value.to_string().chars().take(24).collect()
 }

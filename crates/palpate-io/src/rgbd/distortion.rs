@@ -1,7 +1,7 @@
 //! The lens model that OpenCV calls rational and ROS `plumb_bob` or `rational_polynomial`.
 //!
-//! At `(x, y)` on the plane one metre ahead, `r² = x² + y²`, a lens shows what an ideal one would
-//! show at
+//! A point whose ideal projection on the plane at one metre is `(x, y)`, with `r² = x² + y²`, is
+//! seen at `(x', y')`:
 //!
 //! ```text
 //! x' = x·s + 2·p1·x·y + p2·(r² + 2x²)        s = 1 + k1·r² + k2·r⁴ + k3·r⁶
@@ -9,22 +9,23 @@
 //!                                                1 + k4·r² + k5·r⁴ + k6·r⁶
 //! ```
 //!
-//! The inverse has no formula; Newton's iteration finds it wherever the model does not fold over.
+//! The inverse has no closed form; Newton's method finds it where the model is invertible.
 
 use nalgebra::{Matrix2, Vector2};
 
-/// Steps of Newton's method; near a solution each doubles the number of right digits.
+/// Largest number of steps of Newton's method; near a solution, each doubles the number of correct
+/// digits.
 const MAX_STEPS: usize = 30;
-/// Distance on the plane one metre ahead that counts as found: a millionth of a pixel or less.
+/// Tolerance of the inverse, m on the plane at one metre: a millionth of a pixel or less.
 const TOLERANCE: f64 = 1e-12;
 
-/// Coefficients of a lens, in the order `k1 k2 p1 p2 k3 k4 k5 k6`; all zero is no distortion.
+/// Coefficients of a lens, in the order `k1 k2 p1 p2 k3 k4 k5 k6`; all zero means no distortion.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Distortion([f64; 8]);
 
 impl Distortion {
     /// A lens with 0, 4, 5 or 8 coefficients; the others are zero. `None` for any other number of
-    /// them, or if one is not finite.
+    /// coefficients, or if one is not finite.
     #[must_use]
     pub fn new(coefficients: &[f64]) -> Option<Self> {
         let known = matches!(coefficients.len(), 0 | 4 | 5 | 8);
@@ -36,20 +37,20 @@ impl Distortion {
         Some(Self(all))
     }
 
-    /// Whether pixels are where an ideal lens would put them.
+    /// Whether there is no distortion.
     #[must_use]
     pub fn is_none(&self) -> bool {
         self.0.iter().all(|&k| k == 0.0)
     }
 
-    /// Where the lens shows what an ideal one shows at `ideal`.
+    /// The distorted point of an ideal one, both on the plane at one metre.
     #[must_use]
     pub fn distort(&self, ideal: Vector2<f64>) -> Vector2<f64> {
         self.with_jacobian(ideal).0
     }
 
-    /// What an ideal lens shows where this one shows `seen`; `None` if the lens cannot show
-    /// anything there, which happens in corners for which it was not calibrated.
+    /// The ideal point of a distorted one (`seen`), both on the plane at one metre. `None` where
+    /// the model has no inverse, which happens in corners that the calibration did not cover.
     #[must_use]
     pub fn undistort(&self, seen: Vector2<f64>) -> Option<Vector2<f64>> {
         if self.is_none() {
@@ -58,7 +59,8 @@ impl Distortion {
         let mut ideal = seen;
         for _ in 0..MAX_STEPS {
             let (shown, jacobian) = self.with_jacobian(ideal);
-            // Past a fold the same place is shown again, turned over: that is not what was seen.
+            // Where the determinant is negative, the model folds over: a solution there is not
+            // valid.
             if jacobian.determinant() <= 0.0 {
                 return None;
             }
@@ -103,7 +105,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// As calibrated for a webcam, and for the wide lens of an Azure Kinect.
+    /// Calibrations of webcams, and of the wide lens of an Azure Kinect.
     const LENSES: [&[f64]; 3] = [
         &[-0.28, 0.09, 0.0007, -0.0003],
         &[0.12, -0.25, 0.001, -0.0015, 0.1],

@@ -1,19 +1,19 @@
-//! An account of the pixels of a picture that did not become points.
+//! Numbers of pixels of an image that did not become points, by reason.
 
 use std::fmt;
 
-/// How many pixels were left out; each is counted once, for the first reason that applies.
+/// Numbers of pixels that were left out; each is counted once, for the first reason that applies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Dropped {
-    /// No depth: zero, negative or not finite.
+    /// Without a depth: zero, negative or not finite.
     pub without_depth: usize,
-    /// Nearer or farther than wanted.
+    /// Outside of the depth range.
     pub out_of_range: usize,
-    /// Hanging between an object and what is behind it.
+    /// Flying between an object and its background.
     pub flying: usize,
-    /// Where the lens, as calibrated, cannot show anything.
+    /// Where the lens model has no inverse.
     pub beyond_lens: usize,
-    /// Outside of the box.
+    /// Outside of the crop box.
     pub outside_box: usize,
 }
 
@@ -29,7 +29,7 @@ impl fmt::Display for Dropped {
 }
 
 impl Dropped {
-    /// What to do if nothing is left, by what took most.
+    /// Advice for the case that no pixel is left, by the most frequent reason.
     pub(super) fn remedy(&self) -> &'static str {
         let of_most = [
             (self.without_depth, "look at the depth image: it may be the wrong file"),
@@ -41,7 +41,7 @@ impl Dropped {
                 "the depth is too noisy to distinguish edges from objects; keep flying pixels",
             ),
         ];
-        // Of equal counts the first one counts.
+        // `max_by_key` takes the last of equal counts: with `rev`, the first in the list.
         of_most.into_iter().rev().max_by_key(|(count, _)| *count).map_or("", |(_, remedy)| remedy)
     }
 }

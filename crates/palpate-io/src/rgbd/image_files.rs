@@ -1,8 +1,8 @@
-//! Pictures from files: colour as PNG or JPEG, depth as PNG, TIFF or npy.
+//! Reads images from files: colour as PNG or JPEG, depth as PNG, TIFF or npy.
 //!
-//! The file's first bytes decide the format. `png`, `zune-jpeg` and `tiff` are used as they
-//! are, without `image` around them: that would add colour management and reads no depth in
-//! 32-bit floats. The size of a picture is looked at before memory is taken for it.
+//! The file's first bytes decide the format. The crates `png`, `zune-jpeg` and `tiff` are used
+//! directly: the crate `image` would add colour management and cannot read depth as 32-bit floats.
+//! The size of an image is checked before memory is allocated for it.
 
 use super::camera::MAX_SIDE;
 use super::error::{RgbdError, bytes_of};
@@ -16,16 +16,16 @@ use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-/// Largest number of pixels that is read.
+/// Largest number of pixels of an image; a larger image is refused.
 const MAX_PIXELS: u64 = 1 << 26;
-/// Largest number of pixels that a byte may stand for: deflate makes 1032 bytes of one, and eight
-/// pixels may share a byte.
+/// Largest number of pixels per byte of the file; an image that claims more is refused. Deflate
+/// unpacks one byte to at most 1032, and eight pixels may share a byte.
 const MAX_PIXELS_PER_BYTE: u64 = 10_000;
-/// Memory that a decoder may take for anything but the pixels.
+/// Memory limit of a decoder, without the pixels, bytes.
 const MAX_EXTRA_BYTES: usize = 1 << 26;
 
-/// Reads colours: PNG of 8 or 16 bits a channel, grey, indexed or not, or JPEG. Transparency is
-/// ignored.
+/// Reads a colour image: JPEG, or PNG of any kind with 8 or 16 bits per channel, also grey or
+/// indexed. Transparency is ignored.
 ///
 /// # Errors
 ///
@@ -34,9 +34,10 @@ pub fn read_colour(path: &Path) -> Result<ColourImage, RgbdError> {
     decode_colour(&bytes_of(path)?, path)
 }
 
-/// Reads depths: PNG of 16 bits, TIFF of 16 bits or of floats, or a two-dimensional npy.
+/// Reads a depth image: PNG of 16 bits, TIFF of 16 or 32 bits or of floats, or a two-dimensional
+/// npy.
 ///
-/// Integers are multiplied with `unit_m`, 0.001 for millimetres; floats are metres already.
+/// Integers are multiplied by `unit_m`, 0.001 for millimetres; floats are taken as metres.
 ///
 /// # Errors
 ///
@@ -49,7 +50,7 @@ pub fn read_depth(path: &Path, unit_m: f64) -> Result<DepthImage, RgbdError> {
     decode_depth(&bytes_of(path)?, path, unit_m)
 }
 
-/// Reads colours from bytes; `path` is for errors only.
+/// Reads a colour image from bytes; `path` is for error messages.
 pub(super) fn decode_colour(bytes: &[u8], path: &Path) -> Result<ColourImage, RgbdError> {
     let image = match bytes {
         [0x89, b'P', b'N', b'G', ..] => colour_png(bytes),
@@ -59,7 +60,7 @@ pub(super) fn decode_colour(bytes: &[u8], path: &Path) -> Result<ColourImage, Rg
     image.map_err(|reason| RgbdError::File { path: path.to_owned(), reason })
 }
 
-/// Reads depths from bytes; `path` is for errors only.
+/// Reads a depth image from bytes; `path` is for error messages.
 pub(super) fn decode_depth(
     bytes: &[u8],
     path: &Path,
@@ -82,7 +83,7 @@ fn unknown(bytes: &[u8], wanted: &str) -> String {
     }
 }
 
-/// The size of a picture that a file of `length` bytes claims, if memory may be taken for it.
+/// Checks the size that a file of `length` bytes claims; an error if it is zero or too large.
 fn size(width: u64, height: u64, length: usize) -> Result<[u32; 2], String> {
     let side = |side: u64| u32::try_from(side).ok().filter(|side| (1..=MAX_SIDE).contains(side));
     let most = MAX_PIXELS.min((length as u64).saturating_mul(MAX_PIXELS_PER_BYTE));
@@ -111,7 +112,7 @@ fn open_png(bytes: &[u8], transformations: Transformations) -> Result<Png<'_>, S
     Ok(reader)
 }
 
-/// All samples of a PNG that has been opened.
+/// All samples of an opened PNG; an error if it is an animation.
 fn samples_of(mut reader: Png) -> Result<Vec<u8>, String> {
     let size = reader.output_buffer_size().ok_or("is too large")?;
     let mut samples = vec![0; size];
@@ -200,7 +201,7 @@ fn depth_tiff(bytes: &[u8], unit_m: f64) -> Result<DepthImage, String> {
     Ok(DepthImage::new(width, height, metres, unit_m))
 }
 
-/// An array of height x width; a last side of 1 is no further dimension.
+/// Reads an array of height x width or height x width x 1.
 fn depth_npy(bytes: &[u8], unit_m: f64) -> Result<DepthImage, String> {
     let rows = Rows::open(Cursor::new(bytes)).map_err(|error| error.to_string())?;
     let (height, width) = match *rows.shape() {

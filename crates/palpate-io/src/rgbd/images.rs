@@ -1,6 +1,6 @@
-//! Pictures in memory: colours of 8 bits and depths in metres, row by row.
+//! Images in memory: colours of 8 bits and depths in metres, row by row.
 
-/// Colours of a picture.
+/// A colour image.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ColourImage {
     width: u32,
@@ -8,11 +8,11 @@ pub struct ColourImage {
 }
 
 impl ColourImage {
-    /// Takes pixels row by row.
+    /// An image from its pixels, row by row.
     ///
     /// # Panics
     ///
-    /// If there are not as many as `width` and `height` say, or none.
+    /// If there are no pixels, or their number is not `width` times `height`.
     #[must_use]
     pub fn new(width: u32, height: u32, pixels: Vec<[u8; 3]>) -> Self {
         let n = u64::from(width) * u64::from(height);
@@ -20,41 +20,41 @@ impl ColourImage {
         Self { width, pixels }
     }
 
-    /// Pixels a row.
+    /// Width, pixels.
     #[must_use]
     pub fn width(&self) -> u32 {
         self.width
     }
 
-    /// Rows.
+    /// Height, pixels.
     #[must_use]
     pub fn height(&self) -> u32 {
         (self.pixels.len() / self.width as usize) as u32
     }
 
-    /// Red, green and blue of a pixel that is in the image.
+    /// Red, green and blue of a pixel inside of the image.
     #[must_use]
     pub fn at(&self, u: u32, v: u32) -> [u8; 3] {
         self.pixels[v as usize * self.width as usize + u as usize]
     }
 }
 
-/// Depths of a picture, m along the optical axis.
+/// A depth image, m along the optical axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DepthImage {
     width: u32,
     metres: Vec<f32>,
-    /// What one unit of the file was taken for.
+    /// Length of one unit of the file, m.
     unit_m: f64,
 }
 
 impl DepthImage {
-    /// Takes depths in metres, row by row; zero, negative and not finite is no depth. `unit_m` is
-    /// what one unit of the source was taken for, for messages.
+    /// An image from its depths in metres, row by row; zero, negative and not finite mean no depth.
+    /// `unit_m` is the length of one unit of the source, m, for messages.
     ///
     /// # Panics
     ///
-    /// If there are not as many as `width` and `height` say, or none.
+    /// If there are no pixels, or their number is not `width` times `height`.
     #[must_use]
     pub fn new(width: u32, height: u32, metres: Vec<f32>, unit_m: f64) -> Self {
         let n = u64::from(width) * u64::from(height);
@@ -62,19 +62,19 @@ impl DepthImage {
         Self { width, metres, unit_m }
     }
 
-    /// Pixels a row.
+    /// Width, pixels.
     #[must_use]
     pub fn width(&self) -> u32 {
         self.width
     }
 
-    /// Rows.
+    /// Height, pixels.
     #[must_use]
     pub fn height(&self) -> u32 {
         (self.metres.len() / self.width as usize) as u32
     }
 
-    /// What one unit of the source was taken for, m.
+    /// Length of one unit of the source, m.
     #[must_use]
     pub fn unit_m(&self) -> f64 {
         self.unit_m
@@ -90,7 +90,7 @@ impl DepthImage {
         metres.copied().filter(is_depth).map(f64::from)
     }
 
-    /// The depth that half of the pixels with a depth reach, m.
+    /// Median over the pixels with a depth, m; `None` if there are none.
     #[must_use]
     pub fn median_m(&self) -> Option<f64> {
         let mut valid: Vec<f32> = self.metres.iter().copied().filter(is_depth).collect();

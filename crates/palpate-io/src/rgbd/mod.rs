@@ -1,19 +1,19 @@
-//! What a depth camera saw, made into a cloud in the world frame.
+//! Converts images of a depth camera to a point cloud in the world frame.
 //!
-//! | file           | is                                                                    |
+//! | file           | content                                                               |
 //! |----------------|-----------------------------------------------------------------------|
-//! | `camera`       | where a pixel looks: intrinsics, distortion, pose                     |
+//! | `camera`       | camera model: intrinsics, distortion, pose                            |
 //! | `distortion`   | the lens model of OpenCV and ROS, and its inverse                     |
 //! | `camera_file`  | cameras as JSON or YAML, by palpate, Open3D and ROS                   |
-//! | `pose`         | where the camera stands: 4x4 or seven numbers, as text, JSON or npy   |
+//! | `pose`         | pose of the camera: 4x4 or seven numbers, as text, JSON or npy        |
 //! | `images`       | colours and depths in memory                                          |
-//! | `image_files`  | the same from PNG and JPEG, and from PNG, TIFF and npy                |
-//! | `flying`       | which depths hang between an object and what is behind it             |
-//! | `dropped`      | how many pixels were left out, and why                                |
-//! | `back_project` | all of it together                                                    |
+//! | `image_files`  | reading colours from PNG and JPEG, depths from PNG, TIFF and npy      |
+//! | `flying`       | detection of flying pixels at the edges of objects                    |
+//! | `dropped`      | numbers of pixels that were left out, by reason                       |
+//! | `back_project` | from images and camera to the cloud                                   |
 //!
-//! Camera axes are OpenCV's: x to the right, y down, z forward. Depth is along z, not along the
-//! ray. The centre of the first pixel is at (0, 0).
+//! Axes of the camera are those of OpenCV: x to the right, y down, z forward. Depth is along z, not
+//! along the ray. The centre of the first pixel is at (0, 0).
 
 mod back_project;
 mod camera;

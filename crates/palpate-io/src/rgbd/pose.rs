@@ -1,7 +1,7 @@
-//! Where a camera stands: `camera_to_world`, which turns and moves and does nothing else.
+//! Reads the pose of a camera, `camera_to_world`: a rotation and a translation.
 //!
-//! A calibration is rarely orthonormal to the last digit. What is off by less than [`SLACK`] is
-//! taken as the nearest rotation; more than that is a matrix of another kind, and an error.
+//! A calibrated matrix is rarely orthonormal to the last digit. If it is off by at most [`SLACK`],
+//! the nearest rotation is used; otherwise it is an error.
 
 use super::error::{RgbdError, bytes_of};
 use crate::npy::Rows;
@@ -9,7 +9,8 @@ use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuat
 use std::io::Cursor;
 use std::path::Path;
 
-/// How far a matrix may be from a rotation: at one metre that is one millimetre.
+/// Largest deviation of a matrix from a rotation, or of a quaternion's length from 1: one
+/// millimetre at one metre.
 const SLACK: f64 = 1e-3;
 
 /// Reads a pose from a file: text, JSON (bare or under the key `camera_to_world`) or npy.
@@ -21,7 +22,7 @@ pub fn read_pose(path: &Path) -> Result<Isometry3<f64>, RgbdError> {
     decode_pose(&bytes_of(path)?, path)
 }
 
-/// Reads a pose from bytes; `path` is for errors only.
+/// Reads a pose from bytes; `path` is for error messages.
 pub(super) fn decode_pose(bytes: &[u8], path: &Path) -> Result<Isometry3<f64>, RgbdError> {
     let place = || format!("`{}`", path.display());
     let wrong = |reason: String| RgbdError::Pose { place: place(), reason };
@@ -35,18 +36,18 @@ pub(super) fn decode_pose(bytes: &[u8], path: &Path) -> Result<Isometry3<f64>, R
     pose_of(&numbers).map_err(wrong)
 }
 
-/// Reads a pose from a text: 16 numbers row by row, or `x y z qx qy qz qw`; blanks, commas,
-/// semicolons and brackets between them, `#` begins a remark.
+/// Reads a pose from a text: 16 numbers row by row, or `x y z qx qy qz qw`, separated by blanks,
+/// commas, semicolons or brackets; `#` begins a comment.
 ///
 /// # Errors
 ///
-/// [`RgbdError::Pose`] if the numbers are not a rotation and a place.
+/// [`RgbdError::Pose`] if the numbers are not a rotation and a translation.
 pub fn pose_from_text(text: &str) -> Result<Isometry3<f64>, RgbdError> {
     let pose = numbers_of_text(text).and_then(|numbers| pose_of(&numbers));
     pose.map_err(|reason| RgbdError::Pose { place: "the camera's pose".to_owned(), reason })
 }
 
-/// The numbers of a text or of JSON. As below, an error is half a sentence for the user.
+/// The numbers in a text or in JSON. Here and below, an error is the end of a message to the user.
 fn numbers_of_file(bytes: &[u8]) -> Result<Vec<f64>, String> {
     let text = std::str::from_utf8(bytes).map_err(|_| "the file is not text")?;
     if !text.trim_start().starts_with('{') {
@@ -68,7 +69,7 @@ fn numbers_of_text(text: &str) -> Result<Vec<f64>, String> {
     words.map(number).collect()
 }
 
-/// All numbers of nested lists, in their order.
+/// All numbers in nested lists, in order.
 pub(super) fn numbers_in(value: &serde_json::Value) -> Result<Vec<f64>, String> {
     match value.as_array() {
         Some(list) => Ok(list.iter().map(numbers_in).collect::<Result<Vec<_>, _>>()?.concat()),
@@ -79,7 +80,7 @@ pub(super) fn numbers_in(value: &serde_json::Value) -> Result<Vec<f64>, String> 
     }
 }
 
-/// The pose that 16 numbers, row by row, or 7 stand for.
+/// The pose from 16 numbers, row by row, or from 7 numbers, `x y z qx qy qz qw`.
 pub(super) fn pose_of(numbers: &[f64]) -> Result<Isometry3<f64>, String> {
     if let Some(number) = numbers.iter().find(|number| !number.is_finite()) {
         return Err(format!("it holds {number}"));
@@ -108,7 +109,8 @@ pub(super) fn pose_of(numbers: &[f64]) -> Result<Isometry3<f64>, String> {
     }
 }
 
-/// The rotation that a matrix is but for rounding; an error is half a sentence.
+/// The rotation nearest to a matrix; an error if it deviates by more than [`SLACK`] or is a
+/// reflection.
 fn nearest_rotation(turn: &Matrix3<f64>) -> Result<UnitQuaternion<f64>, String> {
     let off = (turn.transpose() * turn - Matrix3::identity()).amax();
     if off.is_nan() || off > SLACK {

@@ -1,11 +1,12 @@
-//! Baked links kept between runs; a file is used only if its hash is right.
+//! Cache of baked links between runs; a file is used only if its hash is right.
 //!
-//! A file is named by the hash of everything that made it: shapes, bytes of the mesh files, how to
-//! bake, and the versions of the code that does. So a change of any gives another name, and what is
-//! stale is never looked up. Within, a hash of name and content shows what is broken, cut
-//! off or renamed; it is then baked again. Whoever may write could seal another link, so that only a
-//! folder of one's own is used. Writing is atomic, so that several processes may share the folder.
-//! Nothing is ever removed: the folder may be deleted at any time.
+//! The name of a file is the hash of everything that it depends on: shapes, bytes of the mesh files,
+//! settings of the baking, and versions of the code. After any change the name differs, so outdated
+//! files are never used. A second hash in the file, of name and content, detects files that are
+//! broken, truncated or renamed; the link is then baked again. Anyone who may write to the folder
+//! could forge this hash, so only a folder that other users cannot write to is used. Writing is
+//! atomic, so several processes can share the folder. Nothing is ever removed: the folder may be
+//! deleted at any time.
 
 use super::mesh::MESH_VERSION;
 use crate::atomic::{self, WriteError};
@@ -16,19 +17,19 @@ use palpate::unstable::{BAKE_VERSION, BakeReport, Collision, DistanceGrid, Shape
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Changes whenever the layout of the file or of the key does.
+/// Part of every cache key; to be increased whenever the layout of the file or of the key changes.
 const CACHE_VERSION: u32 = 2;
-/// A file larger than this is none of ours.
+/// Largest size of a cache file, bytes; a larger file is ignored.
 const MAX_BYTES: u64 = 1 << 29;
 
-/// A folder of baked links, or none.
+/// A folder of baked links, or no cache.
 #[derive(Debug, Clone)]
 pub(super) struct Cache {
     pub(super) folder: Option<PathBuf>,
 }
 
 impl Cache {
-    /// The cache in a folder, if others cannot write to it; else the second is why not.
+    /// The cache in a folder. If other users can write to it, no cache, and a warning with the reason.
     pub(super) fn open(folder: Option<PathBuf>) -> (Self, Option<String>) {
         match folder {
             Some(folder) if input::is_ones_own(&folder).is_ok_and(|own| !own) => {
@@ -48,24 +49,24 @@ impl Cache {
         Some(self.folder.as_ref()?.join(format!("{}.link", key.to_hex())))
     }
 
-    /// The link of that key, if it is there and whole.
+    /// The link with this key, if its file exists and is intact.
     pub(super) fn get(&self, key: &Hash) -> Option<(DistanceGrid, BakeReport)> {
         let path = self.path(key)?;
         let bytes = input::read(&path, MAX_BYTES).ok()?;
         if !input::is_ones_own(path.parent()?).ok()? {
-            return None; // it was made meanwhile
+            return None; // the folder was created by another user after `open`
         }
         let (content, seal) = bytes.split_last_chunk::<32>()?;
         if blake3::Hash::from_bytes(*seal) != sealed(key, content) {
             return None;
         }
-        // The report is a line of JSON, the grid what follows it.
+        // The report is one line of JSON; the grid follows.
         let mut parts = content.splitn(2, |&byte| byte == b'\n');
         let report = serde_json::from_slice(parts.next()?).ok()?;
         Some((DistanceGrid::from_bytes(parts.next()?).ok()?, report))
     }
 
-    /// Keeps a link. It is not an error if that fails: the reason is for a warning.
+    /// Stores a link. The error is the text of a warning: the link can be used without the cache.
     pub(super) fn put(
         &self,
         key: &Hash,
@@ -103,7 +104,7 @@ fn sealed(key: &Hash, content: &[u8]) -> Hash {
     Hasher::new().update(key.as_bytes()).update(content).finalize()
 }
 
-/// The key of a link: `mesh_bytes` gives the hash of a mesh file as the URDF spells it.
+/// The key of a link; `mesh_bytes` returns the hash of a mesh file by its name in the URDF.
 pub(super) fn key(
     shapes: &[Collision],
     config: &BakeConfig,
@@ -114,12 +115,12 @@ pub(super) fn key(
     for part in &mut shapes {
         if let Shape::Mesh { filename, .. } = &mut part.shape {
             hasher.update(mesh_bytes(filename).as_bytes());
-            // Of its name only the ending matters, which says how to read it.
+            // Only the extension of its name matters, which gives the format.
             let ending = Path::new(filename).extension().unwrap_or_default();
             *filename = ending.to_string_lossy().to_ascii_lowercase();
         }
     }
-    // As `Debug` writes them: all that there is to a shape, and every number to the last bit.
+    // `Debug` output contains all fields of a shape, and every number exactly.
     let inputs = format!("{CACHE_VERSION} {BAKE_VERSION} {MESH_VERSION} {config:?} {shapes:?}");
     hasher.update(inputs.as_bytes()).finalize()
 }

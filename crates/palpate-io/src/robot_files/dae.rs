@@ -1,12 +1,12 @@
-//! COLLADA (`.dae`): the triangles of a scene.
+//! Reads the triangles of a COLLADA scene (`.dae`).
 //!
-//! Read here rather than by `mesh-loader`, which keeps one place for each geometry however often
-//! the scene shows it, adds geometries that the scene does not show, and panics on bad indices.
-//! Node transforms and `<unit>` are applied; `<up_axis>` is *not*: RViz, MoveIt and Gazebo ignore
-//! it, so the files of robots are made to be right without it.
+//! `mesh-loader` is not used: it places each geometry only once even if the scene contains several
+//! instances, adds geometries that are not in the scene, and panics on bad indices. Node transforms
+//! and `<unit>` are applied; `<up_axis>` is *not*: RViz, MoveIt and Gazebo ignore it, so robot
+//! files are made to be right without it.
 //!
-//! Triangles, strips, fans and polygons (cut as fans) count; lines, splines, skins, materials and
-//! normals do not.
+//! Triangles, strips, fans and polygons (split as fans) are read; lines, splines, skins, materials
+//! and normals are ignored.
 
 use super::xml;
 use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
@@ -14,12 +14,12 @@ use palpate::unstable::TriangleMesh;
 use roxmltree::Node;
 use std::collections::HashMap;
 
-/// More nodes than any robot's mesh has: the scene shows itself, or a bomb.
+/// Largest number of nodes; a scene with more is refused: it may contain itself or be malicious.
 const MAX_NODES: usize = 100_000;
-/// More triangles than could be baked.
+/// Largest number of triangles; a scene with more is refused: it could not be baked.
 const MAX_TRIANGLES: usize = 20_000_000;
 
-/// Reads a file's text. An error is half a sentence for the user.
+/// Reads the text of a file. The error is the end of a message to the user.
 pub(super) fn read(text: &str) -> Result<TriangleMesh, String> {
     let document = xml::parse(text)?;
     let root = document.root_element();
@@ -45,7 +45,8 @@ pub(super) fn read(text: &str) -> Result<TriangleMesh, String> {
     Ok(scene.mesh)
 }
 
-/// Whether a node is an element of that name; the namespace differs between versions of the format.
+/// Whether a node is an element with this name, in any namespace: it differs between versions of
+/// the format.
 fn is(node: &Node<'_, '_>, name: &str) -> bool {
     node.is_element() && node.tag_name().name() == name
 }
@@ -61,14 +62,14 @@ fn unit_m(root: Node<'_, '_>) -> Result<f64, String> {
     number.ok_or_else(|| format!("has a unit of `{meter}` m"))
 }
 
-/// The scene as it is gathered.
+/// The elements of the file by id, and the mesh collected so far.
 struct Scene<'a, 'i> {
     ids: HashMap<&'a str, Node<'a, 'i>>,
     mesh: TriangleMesh,
 }
 
 impl<'a, 'i> Scene<'a, 'i> {
-    /// What an attribute such as `url="#id"` points to.
+    /// The element that an attribute such as `url="#id"` refers to.
     fn target(&self, node: Node<'a, 'i>, attribute: &str) -> Result<Node<'a, 'i>, String> {
         let url = node.attribute(attribute).unwrap_or_default();
         let target = url.strip_prefix('#').and_then(|id| self.ids.get(id));
@@ -77,7 +78,7 @@ impl<'a, 'i> Scene<'a, 'i> {
         })
     }
 
-    /// Adds all that hangs below `top`.
+    /// Adds all geometries below `top`.
     fn walk(&mut self, top: Node<'a, 'i>, world_from_top: Matrix4<f64>) -> Result<(), String> {
         let mut ahead = vec![(top, world_from_top)];
         let mut visited = 0;
@@ -129,7 +130,7 @@ impl<'a, 'i> Scene<'a, 'i> {
         Ok(())
     }
 
-    /// The positions that a part refers to, by way of its vertices.
+    /// The positions that a part refers to through its `VERTEX` input.
     fn positions(&self, part: Node<'a, 'i>) -> Result<Vec<Point3<f64>>, String> {
         let vertices = self.target(input(part, "VERTEX")?, "source")?;
         let source = self.target(input(vertices, "POSITION")?, "source")?;
@@ -157,7 +158,7 @@ fn input<'a, 'i>(node: Node<'a, 'i>, semantic: &str) -> Result<Node<'a, 'i>, Str
     input.ok_or_else(|| format!("has <{}> without {semantic} input", node.tag_name().name()))
 }
 
-/// All transforms of a node, multiplied in their order.
+/// The product of all transforms of a node, in their order.
 fn parent_from_node(node: Node<'_, '_>) -> Result<Matrix4<f64>, String> {
     let mut product = Matrix4::identity();
     for element in node.children().filter(Node::is_element) {
@@ -182,7 +183,7 @@ fn parent_from_node(node: Node<'_, '_>) -> Result<Matrix4<f64>, String> {
     Ok(product)
 }
 
-/// The triangles of a part as indices of positions; `None` for what is no surface.
+/// The triangles of a part as indices of positions; `None` if the part is not a surface.
 fn polygons(part: Node<'_, '_>) -> Result<Option<Vec<[u32; 3]>>, String> {
     let kind = part.tag_name().name();
     if !matches!(kind, "triangles" | "polylist" | "polygons" | "tristrips" | "trifans") {

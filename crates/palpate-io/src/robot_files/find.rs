@@ -1,4 +1,4 @@
-//! Where the file is that a URDF calls `package://…`.
+//! Finds the mesh files that a URDF refers to, such as `package://…`.
 
 use super::xml;
 use crate::input;
@@ -6,12 +6,12 @@ use percent_encoding::percent_decode_str;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-/// Where to look for meshes.
+/// Folders in which meshes are searched.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Search {
     /// Folder of the URDF.
     pub(super) urdf_folder: PathBuf,
-    /// Folders that hold packages, or are one.
+    /// Folders of packages: the package itself or its parent folder.
     pub(super) packages: Vec<PathBuf>,
 }
 
@@ -28,7 +28,7 @@ impl Search {
         Self { urdf_folder: urdf_folder.to_owned(), packages }
     }
 
-    /// The file that `written` means; if there is none, all places where it might have been.
+    /// The file that `written` in a URDF refers to; the error lists all paths that were tried.
     pub(super) fn find(&self, written: &str) -> Result<PathBuf, Vec<PathBuf>> {
         let candidates = match written.split_once("://") {
             Some(("package" | "model", rest)) => {
@@ -37,7 +37,7 @@ impl Search {
             }
             Some(("file", path)) => vec![PathBuf::from(path), PathBuf::from(unescaped(path))],
             Some(_) => vec![],
-            // `join` with an absolute path gives that path.
+            // `join` returns `written` if it is an absolute path.
             None => vec![self.urdf_folder.join(written)],
         };
         match candidates.iter().find(|path| path.is_file()) {
@@ -46,15 +46,15 @@ impl Search {
         }
     }
 
-    /// The URDF's folder and those above it, as far as its package and what holds that, if it is in
-    /// one: what lies farther up is none of its business.
+    /// The URDF's folder and the folders above it. If the URDF is in a package (a folder with
+    /// `package.xml`), the last one is the parent of the package.
     fn above(&self) -> impl Iterator<Item = &Path> {
         let mut folders = self.urdf_folder.ancestors();
         let own = folders.position(|folder| folder.join("package.xml").is_file());
         self.urdf_folder.ancestors().take(own.map_or(usize::MAX, |own| own + 2))
     }
 
-    /// Where a file of a package might be, the likeliest first.
+    /// Possible paths of a file of a package, the most likely first.
     fn in_package(&self, package: &str, file: &str) -> Vec<PathBuf> {
         let above = || self.above();
         let mut candidates = Vec::new();
@@ -64,7 +64,7 @@ impl Search {
             }
             candidates.push(folder.join(package).join(file));
         }
-        // A package that was copied under another name.
+        // The package may have been copied under another name.
         candidates.extend(above().map(|folder| folder.join(file)));
         let mut taken = HashSet::new();
         candidates.retain(|candidate| taken.insert(candidate.clone()));
@@ -72,10 +72,10 @@ impl Search {
     }
 }
 
-/// Bytes of the largest `package.xml`.
+/// Largest size of `package.xml`, bytes.
 const MANIFEST: u64 = 1 << 20;
 
-/// Whether a folder is the package of that name: by its own name or by its `package.xml`.
+/// Whether a folder is the package with this name, by the folder's name or by its `package.xml`.
 fn is_package(folder: &Path, package: &str) -> bool {
     if folder.file_name().is_some_and(|name| name == package) {
         return true;
@@ -88,7 +88,7 @@ fn is_package(folder: &Path, package: &str) -> bool {
     name.and_then(|node| node.text()).is_some_and(|name| name.trim() == package)
 }
 
-/// `%20` and the like as what they stand for.
+/// Decodes percent-encoded characters, such as `%20`.
 fn unescaped(path: &str) -> String {
     percent_decode_str(path).decode_utf8_lossy().into_owned()
 }
@@ -98,7 +98,7 @@ mod tests {
     use super::*;
     use std::fs;
 
-    /// Makes an empty file and the folders above it.
+    /// Creates an empty file and the folders above it.
     fn touch(path: &Path) {
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, "").unwrap();

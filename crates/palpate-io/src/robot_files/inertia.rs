@@ -1,5 +1,5 @@
-//! A URDF with other inertias: the text of a URDF in which the `<inertial>` of every link that a joint moves is that of
-//! a robot, and all else stays as it is.
+//! Replaces the inertias in the text of a URDF: the `<inertial>` of every link that a joint moves is taken from a
+//! robot, everything else is unchanged.
 
 use palpate::Robot;
 use palpate::unstable::{Link, LinkId};
@@ -10,7 +10,7 @@ use super::xml;
 ///
 /// # Errors
 ///
-/// A text that is no XML, or has none of the robot's links, as half a sentence.
+/// The end of a message, if the text is not XML or lacks one of the robot's moving links.
 pub fn with_inertia(urdf: &str, robot: &Robot) -> Result<String, String> {
     let document = xml::parse(urdf)?;
     let mut changes: Vec<(std::ops::Range<usize>, String)> = Vec::new();
@@ -39,7 +39,7 @@ pub fn with_inertia(urdf: &str, robot: &Robot) -> Result<String, String> {
     Ok(out + &urdf[done..])
 }
 
-/// Where to put something into an element that has it not, as its first child.
+/// The range of the URDF to replace, and its replacement, to insert `text` as the first child of a `<link>`.
 fn inside(
     urdf: &str,
     element: &std::ops::Range<usize>,

@@ -1,18 +1,18 @@
-//! Triangles from mesh files: STL (binary and text), OBJ, COLLADA.
+//! Reads triangles from mesh files: STL (binary and text), OBJ, COLLADA.
 //!
-//! STL and OBJ by way of `mesh-loader`, COLLADA by [`super::dae`]. Vertices come out in the file's
-//! own coordinates, COLLADA's `<unit>` applied; the URDF's scale is applied later.
+//! STL and OBJ are read by `mesh-loader`, COLLADA by [`super::dae`]. Vertices are in the file's
+//! coordinates, for COLLADA with `<unit>` applied; the URDF's scale is applied later.
 
 use super::dae;
 use nalgebra::Point3;
 use palpate::unstable::TriangleMesh;
 use std::path::Path;
 
-/// Changes whenever the same bytes give other triangles: part of every cache key.
+/// Part of every cache key; to be increased whenever the same bytes give other triangles.
 pub(super) const MESH_VERSION: u32 = 1;
 
-/// Reads a mesh; `path` says the format by its ending and is not opened. An error is half a
-/// sentence for the user.
+/// Reads a mesh; the extension of `path` gives the format, and `path` is not opened. The error is
+/// the end of a message to the user.
 pub(super) fn read(bytes: &[u8], path: &Path) -> Result<TriangleMesh, String> {
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
     let mesh = match ending.as_deref() {
@@ -21,7 +21,7 @@ pub(super) fn read(bytes: &[u8], path: &Path) -> Result<TriangleMesh, String> {
             loaded(mesh_loader::stl::from_slice(bytes))?
         }
         Some("obj") => {
-            // Materials are of no use here: whatever file they are in, it is not opened.
+            // Materials are not needed: their file is not opened.
             let no_file = |_: &Path| Err::<Vec<u8>, _>(std::io::ErrorKind::NotFound.into());
             loaded(mesh_loader::obj::from_slice(bytes, None::<&Path>, no_file))?
         }
@@ -40,7 +40,7 @@ pub(super) fn read(bytes: &[u8], path: &Path) -> Result<TriangleMesh, String> {
     Ok(mesh)
 }
 
-/// A binary STL that is shorter than it says has been cut; `mesh-loader` would take what is left.
+/// Refuses a binary STL that is shorter than its header says; `mesh-loader` would accept it.
 fn check_stl_length(bytes: &[u8]) -> Result<(), String> {
     let Some(count) = bytes.get(80..84).and_then(|raw| raw.first_chunk::<4>()) else {
         return Ok(());
@@ -56,8 +56,8 @@ fn check_stl_length(bytes: &[u8]) -> Result<(), String> {
     Err(format!("is truncated: it holds {held} of the {promised} triangles that it promises"))
 }
 
-/// What `mesh-loader` makes of a file, its meshes put together. Under 400,000 mutated files it
-/// panicked on none, so that nothing catches a panic here.
+/// Joins the meshes that `mesh-loader` read. It did not panic on any of 400,000 mutated files, so
+/// panics are not caught here.
 fn loaded(scene: std::io::Result<mesh_loader::Scene>) -> Result<TriangleMesh, String> {
     let scene = scene.map_err(|error| format!("cannot be read: {error}"))?;
     let mut mesh = TriangleMesh::default();
@@ -85,7 +85,7 @@ mod tests {
         read(bytes, Path::new(name))
     }
 
-    /// Volume by the divergence theorem, positive if triangles look outwards.
+    /// Volume by the divergence theorem, positive if the normals of the triangles point outwards.
     fn volume(mesh: &TriangleMesh) -> f64 {
         let corners = |triangle: &[u32; 3]| triangle.map(|i| mesh.vertices[i as usize].coords);
         mesh.triangles.iter().map(corners).map(|[a, b, c]| a.dot(&b.cross(&c)) / 6.0).sum()
@@ -110,12 +110,12 @@ mod tests {
     }
 
     #[test]
-    fn collada_shows_what_the_scene_shows_where_it_shows_it() {
+    fn collada_gives_each_instance_of_the_scene_at_its_place() {
         let mesh = read_as(DAE, "boxes.dae").unwrap();
         assert_eq!(mesh.triangles.len(), 24, "twice the box, not what is hidden");
         assert!((volume(&mesh) - 12.0).abs() < 1e-9, "in metres: {}", volume(&mesh));
         let [low, high] = bounds(&mesh);
-        let wanted = [[0.0, 0.0, 0.0], [10.0, 2.0, 3.0]]; // the turned box spans 9 to 10, 0 to 2
+        let wanted = [[0.0, 0.0, 0.0], [10.0, 2.0, 3.0]]; // the rotated box: x 9 to 10, y 0 to 2
         for axis in 0..3 {
             assert!((low[axis] - wanted[0][axis]).abs() < 1e-9, "{low:?}");
             assert!((high[axis] - wanted[1][axis]).abs() < 1e-9, "{high:?}");
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_broken_is_said_to_be() {
+    fn broken_meshes_are_reported() {
         let dae = |from: &str, to: &str| {
             let text = String::from_utf8_lossy(DAE);
             assert!(text.contains(from));

@@ -1,14 +1,14 @@
-//! Robots from files: a built-in one by its name, or a URDF with its meshes.
+//! Loads robots: a built-in one by its name, or a URDF with its meshes.
 //!
-//! | file    | says                                             |
+//! | file    | content                                          |
 //! |---------|--------------------------------------------------|
-//! | `find`  | where the file is that a URDF calls `package://` |
-//! | `mesh`  | triangles of STL, OBJ and, by `dae`, COLLADA     |
-//! | `xml`   | documents of bounded depth                       |
-//! | `inertia` | a URDF with other masses                       |
-//! | `cache` | baked links kept between runs                    |
+//! | `find`  | search for mesh files, such as `package://` URLs |
+//! | `mesh`  | triangles of STL, OBJ and, with `dae`, COLLADA   |
+//! | `xml`   | XML parsing with limited depth                   |
+//! | `inertia` | writing masses and inertias into a URDF        |
+//! | `cache` | cache of baked links between runs                |
 //!
-//! What the numbers of a URDF mean and how a shape is baked is the core's business.
+//! The crate `palpate` interprets the URDF and bakes the shapes.
 
 mod cache;
 mod dae;
@@ -28,20 +28,20 @@ use std::collections::HashMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Where baked links are kept between runs.
+/// Folder in which baked links are kept between runs.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum CachePlace {
     /// `PALPATE_CACHE_DIR` if it is set, else the user's cache folder.
     #[default]
     User,
-    /// This folder.
+    /// The given folder.
     At(PathBuf),
-    /// Nowhere.
+    /// No cache.
     Off,
 }
 
 impl CachePlace {
-    /// The folder, if there is to be one.
+    /// The folder; `None` without a cache.
     #[must_use]
     pub fn folder(&self) -> Option<PathBuf> {
         match self {
@@ -57,40 +57,40 @@ impl CachePlace {
     }
 }
 
-/// How to load a robot.
+/// Options for loading a robot.
 #[derive(Debug, Clone, Default)]
 pub struct ArmOptions {
-    /// Folders that hold packages, or are one, for `package://`; searched first.
+    /// Folders of packages (the package or its parent folder) for `package://`; searched first.
     pub package_path: Vec<PathBuf>,
-    /// Where baked links are kept.
+    /// Cache of baked links.
     pub cache: CachePlace,
-    /// How to bake.
+    /// Settings for baking the links.
     pub bake: BakeConfig,
 }
 
-/// A robot ready to touch, and how it came about.
+/// A robot with its surfaces, and how it was loaded.
 #[derive(Debug, Clone)]
 pub struct LoadedArm {
     /// The robot and its surfaces.
     pub arm: Arm,
     /// The URDF, `None` for a built-in robot.
     pub urdf: Option<PathBuf>,
-    /// One for each link that has shapes.
+    /// Links that have collision shapes.
     pub links: Vec<LoadedLink>,
-    /// What went wrong without harm.
+    /// Problems that did not stop the loading.
     pub warnings: Vec<String>,
 }
 
-/// How the surface of a link came about.
+/// How the surface of a link was loaded.
 #[derive(Debug, Clone)]
 pub struct LoadedLink {
     /// Name of the link.
     pub name: String,
-    /// Whether it came from the cache.
+    /// Whether the surface was read from the cache.
     pub cached: bool,
-    /// Its mesh files.
+    /// Mesh files of the link.
     pub meshes: Vec<PathBuf>,
-    /// What baking found out, then or now.
+    /// Report of the baking, also for a cached link.
     pub report: BakeReport,
 }
 
@@ -99,22 +99,22 @@ pub struct LoadedLink {
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum RobotFileError {
-    /// Neither a name nor a file.
+    /// Neither the name of a built-in robot nor an existing file.
     #[error("there is no robot `{name}`: neither a URDF of that path nor a built-in one ({known})")]
     Unknown { name: String, known: String },
-    /// The system refused to read, or the file is no such file.
+    /// The operating system reported an error, or the path is not a regular file.
     #[error("`{path}` cannot be read: {source}")]
     Io { path: PathBuf, source: io::Error },
-    /// A URDF that still has to be made.
+    /// A xacro that must be expanded to a URDF first.
     #[error("`{path}` is a xacro, not a URDF; expand it first: `xacro {path} > robot.urdf`")]
     Xacro { path: PathBuf },
-    /// A URDF that is wrong.
+    /// An invalid URDF.
     #[error("`{path}`: {source}")]
     Urdf { path: PathBuf, source: RobotError },
-    /// A mesh that is nowhere.
+    /// A mesh file that was not found.
     #[error("link `{link}` wants the mesh `{written}`, which is not there; looked for {looked}")]
     NoMesh { link: String, written: String, looked: String },
-    /// A mesh that is broken.
+    /// A broken mesh file.
     #[error("link `{link}`: the mesh `{path}` {reason}")]
     Mesh { link: String, path: PathBuf, reason: String },
     /// Shapes that cannot be baked.
@@ -122,11 +122,12 @@ pub enum RobotFileError {
     Arm { name: String, source: ArmError },
 }
 
-/// Loads a robot by the name of a built-in one or the path of a URDF, and bakes its links.
+/// Loads a built-in robot by its name, or a URDF by its path, and bakes its links.
 ///
 /// # Errors
 ///
-/// [`RobotFileError`]; a cache that cannot be read or written is none, but a warning at most.
+/// [`RobotFileError`]. A cache that cannot be read or written is not an error, but at most a
+/// warning.
 pub fn load_arm(name_or_path: &str, options: &ArmOptions) -> Result<LoadedArm, RobotFileError> {
     let path = Path::new(name_or_path);
     let (robot, urdf) = match Robot::built_in(name_or_path) {
@@ -174,7 +175,7 @@ fn read_file(path: &Path) -> Result<Vec<u8>, RobotFileError> {
         .map_err(|source| RobotFileError::Io { path: path.to_owned(), source })
 }
 
-/// Turns links into surfaces.
+/// Bakes links to surfaces, using the cache.
 struct Baker {
     search: Search,
     cache: Cache,
@@ -227,14 +228,15 @@ impl Baker {
             && self.warnings.is_empty()
             && !meshes.is_empty()
         {
-            // One is enough, the others fail alike; without meshes, baking is quick anyway.
+            // One warning is enough: the others would be equal. Without meshes, baking is fast
+            // anyway.
             self.warnings.push(warning);
         }
         let loaded = LoadedLink { name: link.name.clone(), cached: false, meshes, report };
         Ok(Some((grid, loaded)))
     }
 
-    /// The mesh files of a link by their names in the URDF.
+    /// The mesh files of a link, by their names in the URDF.
     fn mesh_files(&self, link: &Link) -> Result<HashMap<String, MeshFile>, RobotFileError> {
         let mut files = HashMap::new();
         for part in &link.collision {

@@ -1,12 +1,13 @@
-//! XML of unknown origin: `roxmltree` recurses once for each level, so the depth is checked first.
+//! Parses XML of unknown origin: `roxmltree` recurses once for each level, so the depth is checked
+//! first.
 
 use palpate::unstable::nests_deeper_than;
 use roxmltree::Document;
 
-/// No file of a robot nests deeper.
+/// Deepest nesting of elements; a deeper document is refused.
 const MAX_DEPTH: usize = 256;
 
-/// Parses a document. An error is half a sentence for the user.
+/// Parses a document. The error is the end of a message to the user.
 pub(super) fn parse(text: &str) -> Result<Document<'_>, String> {
     if nests_deeper_than(text, MAX_DEPTH) {
         return Err(format!("is no readable XML: elements nest deeper than {MAX_DEPTH}"));

@@ -1,5 +1,5 @@
-//! A cushion, a bag, a bush that is too dense to resolve: blocks of elastic material under the seen surface,
-//! held where they rest and by each other.
+//! A body for a cushion, a bag, or a bush that is too dense to resolve: blocks of elastic material under the seen
+//! surface, coupled to the ground and to each other.
 
 use std::collections::BTreeMap;
 
@@ -8,28 +8,28 @@ use palpate::unstable::{Segment, SegmentKind};
 
 use super::otsu::otsu;
 
-/// Young's modulus of a soft cushion before a touch says otherwise, Pa.
+/// Young's modulus of a soft cushion before any touch, Pa.
 const FOAM_MODULUS_PA: f64 = 2e3;
-/// Width of a block, m, unless there were more than [`MOST_BLOCKS`].
+/// Width of a block, m; it is larger if there were more than [`MOST_BLOCKS`].
 const WIDTH_M: f64 = 0.04;
 const MOST_BLOCKS: f64 = 400.0;
-/// A block needs this share of the median number of points per block.
+/// Fewest points of a block, as a share of the median number of points per block.
 const FEWEST: f64 = 0.2;
-/// The top of a block: its points down to this below its highest, m.
+/// The top of a block is fitted to its points above their 90th percentile of height minus this, m.
 const TOP_M: f64 = 0.03;
-/// Lower blocks are the ground, m.
+/// Lower blocks count as ground, m.
 const LOWEST_M: f64 = 0.02;
 /// Steepest slope of a top.
 const STEEPEST: f64 = 1.0;
-/// Edges are as round as this, m.
+/// Radius of the rounded edges, m.
 const EDGE_M: f64 = 0.004;
 /// There are two materials if two groups of colours explain this share of the variance of colours. A gradient,
 /// as from light that falls from one side, cut in two explains 0.75.
 const TWO_COLOURS: f64 = 0.85;
-/// Each material has this share of the blocks, at least.
+/// Least share of the blocks for each of two materials.
 const FEWEST_OF_COLOUR: f64 = 0.1;
 
-/// Blocks over the lowest seen height, those of one material in one `branch`; none if nothing stands above it.
+/// Blocks from the lowest seen height up; `branch` is the index of the material. None if nothing is above the ground.
 pub(super) fn blocks(points: &[Point3<f64>], colours: &[[u8; 3]]) -> Vec<Segment> {
     let Some(first) = points.first() else { return Vec::new() };
     let (low, high) = points.iter().fold((first.coords, first.coords), |(low, high), point| {
@@ -76,13 +76,13 @@ pub(super) fn blocks(points: &[Point3<f64>], colours: &[[u8; 3]]) -> Vec<Segment
     blocks
 }
 
-/// Height of the top of a column over its middle, m, and the slopes along x and y.
+/// Height of the top at the middle `[x, y]` of a column, m, and its slopes along x and y.
 fn top(points: &[Point3<f64>], members: &[usize], [x, y]: [f64; 2]) -> (f64, [f64; 2]) {
     let mut heights: Vec<f64> = members.iter().map(|&number| points[number].z).collect();
     heights.sort_by(f64::total_cmp);
     let highest = heights[(heights.len() * 9) / 10];
     let upper = members.iter().map(|&number| points[number]).filter(|p| p.z > highest - TOP_M);
-    // z = c + a x + b y by least squares; the slopes are drawn a little to level.
+    // z = c + a x + b y by least squares; the slopes are slightly regularised towards 0.
     let (mut normal, mut right) =
         (Matrix3::from_diagonal(&Vector3::new(0.0, 1e-3, 1e-3)), Vector3::zeros());
     for point in upper {
@@ -102,7 +102,7 @@ fn top(points: &[Point3<f64>], members: &[usize], [x, y]: [f64; 2]) -> (f64, [f6
     }
 }
 
-/// By block, of which material it is: two if its colours are plainly two, else one.
+/// The material of each block: 0 or 1 if there are clearly two groups of colours, otherwise 0.
 fn materials(shades: &[Vector3<f64>]) -> Vec<u32> {
     let one = vec![0; shades.len()];
     let n = shades.len().max(1) as f64;

@@ -1,11 +1,11 @@
-//! Whether a cloud shows a plant: then its points lie on the stems, branches and leaves that were found.
+//! Whether a cloud shows a plant: if so, its points are near the stems, branches and leaves that were found.
 
 use nalgebra::Point3;
 use palpate::unstable::{ElasticBody, Segment};
 
-/// A point this close to a segment is explained by it, m.
+/// A segment explains points that are this close to it, m.
 const NEAR_M: f64 = 0.005;
-/// Points that are looked at, at most.
+/// Most points that are checked.
 const POINTS: usize = 4000;
 
 /// Share of the points that lie on no segment of a body, 0 to 1.
@@ -21,7 +21,7 @@ pub(super) fn unexplained(body: &ElasticBody, points: &[Point3<f64>]) -> f64 {
     off as f64 / some.count().max(1) as f64
 }
 
-/// From the surface of a segment, a plate taken as a rod of its width, m.
+/// Distance of a point from the surface of a segment, m, where a plate counts as a rod of its width.
 fn distance_m(segment: &Segment, point: &Point3<f64>) -> f64 {
     let (axis, way) = (segment.axis(), point - segment.start());
     let share = (way.dot(&axis) / axis.norm_squared()).clamp(0.0, 1.0);

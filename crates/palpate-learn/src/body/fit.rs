@@ -1,38 +1,39 @@
-//! The tapering tube that fits points of its seen side best.
+//! Fits a tapering tube to points of its seen side.
 //!
-//! Least squares of (distance from the axis − radius), robustly, with a smooth axis: Gauss-Newton with
-//! analytic derivatives. The nearest place of the axis moves along it as the axis moves, which changes the
-//! distance in second order only.
+//! Robust least squares of (distance from the axis − radius) with a smooth axis, by Gauss-Newton with
+//! analytic derivatives. The derivatives keep the nearest place on the axis fixed: its motion along the
+//! axis changes the distance in second order only.
 
 use nalgebra::{DMatrix, DVector, Point3, Vector3};
 
 use super::tubes::{RADIUS_M, arc_m, at_arc};
 
-/// Distance between the places that an axis is fitted at, m.
+/// Distance between the nodes of the axis, m.
 const STEP_M: f64 = 0.015;
-/// Noise of a point's distance from the surface, m.
+/// Standard deviation of a point's distance from the surface, m.
 const POINT_STD_M: f64 = 0.001;
-/// Second differences of the axis, m.
+/// Standard deviation of the second differences of the axis, m.
 const BEND_STD_M: f64 = 0.0015;
-/// Lengths of the axis' pieces, m.
+/// Standard deviation of the lengths of the pieces of the axis, m.
 const LENGTH_STD_M: f64 = 0.002;
-/// Radii about those of the seen widths, m.
+/// Standard deviation of the radii about those of the seen widths, m.
 const RADIUS_STD_M: f64 = 0.0006;
-/// Growth of the radius towards the tip, m.
+/// Standard deviation of a growth of the radius towards the tip, m.
 const GROWTH_STD_M: f64 = 0.0002;
-/// Longer branches are not fitted: plants have none, and the time goes with the cube of the length, m.
+/// Longer branches are not fitted, m: plants have none, and time grows with the cube of the length.
 const LONGEST_M: f64 = 3.0;
-/// Most points for ten centimetres of a branch.
+/// Most points per ten centimetres of a branch.
 const MOST_POINTS: f64 = 350.0;
-/// Steps, at most, and the change that ends them, m.
+/// Most steps, and the change below which the fit has converged, m.
 const STEPS: usize = 12;
 const SETTLED_M: f64 = 1e-5;
-/// Longest change in a step, m.
+/// Largest change in a step, m.
 const LONGEST_STEP_M: f64 = 0.004;
 
-/// Axis and radius by node of the tube that fits the points best; `None` where there is too little to fit.
+/// Axis and radius, m, at each place of `start`, of the tube that fits the points best; `None` if there are too few
+/// points or the branch is too short or too long.
 ///
-/// `start`: the axis to begin with, m; its first place stays if it is `carried`. `radii`: at its ends, m.
+/// `start`: the initial axis, m; its first place stays fixed if the branch is `carried`. `radii`: at its ends, m.
 pub(super) fn fit(
     points: &[Point3<f64>],
     start: &[Point3<f64>],
@@ -76,7 +77,7 @@ struct Normal {
 }
 
 impl Normal {
-    /// Adds a residual with its slope by some unknowns.
+    /// Adds a residual with its derivatives by some unknowns: (index, derivative).
     fn add(&mut self, residual: f64, weight: f64, slope: &[(usize, f64)]) {
         for &(i, a) in slope {
             self.right[i] -= weight * a * residual;
@@ -90,16 +91,18 @@ impl Normal {
 struct Fit<'a> {
     points: &'a [Point3<f64>],
     axis: Vec<Point3<f64>>,
-    /// At the ends of the axis, m.
+    /// Radii at the ends of the axis, m.
     radii: [f64; 2],
-    /// The first node that may move.
+    /// Index of the first node that may move.
     first_free: usize,
+    /// Length of a piece between two nodes at the start, m.
     piece_m: f64,
+    /// Radii from the seen widths, m.
     radii_before: [f64; 2],
 }
 
 impl Fit<'_> {
-    /// One Gauss-Newton step; returns the longest change, m.
+    /// One Gauss-Newton step; returns the largest change, m.
     fn improve(&mut self) -> f64 {
         let size = self.column_of_radii() + 2;
         let mut normal = Normal { matrix: DMatrix::zeros(size, size), right: DVector::zeros(size) };
@@ -135,7 +138,7 @@ impl Fit<'_> {
         first.into_iter().flat_map(move |first| (0..3).map(move |axis| (first + axis, slope[axis])))
     }
 
-    /// (distance from the axis − radius), with the weights of a soft L1 norm.
+    /// Residuals (distance from the axis − radius), with the weights of a soft L1 norm.
     fn add_points(&self, normal: &mut Normal) {
         let radii = self.column_of_radii();
         for point in self.points {
@@ -156,7 +159,7 @@ impl Fit<'_> {
         }
     }
 
-    /// Second differences of the axis.
+    /// Residuals of the second differences of the axis.
     fn add_bends(&self, normal: &mut Normal) {
         for (middle, places) in self.axis.windows(3).enumerate() {
             let bend = places[0].coords - 2.0 * places[1].coords + places[2].coords;
@@ -171,7 +174,7 @@ impl Fit<'_> {
         }
     }
 
-    /// Lengths of the pieces, so that places do not run together.
+    /// Residuals of the lengths of the pieces, so that nodes keep their distances.
     fn add_lengths(&self, normal: &mut Normal) {
         for (piece, ends) in self.axis.windows(2).enumerate() {
             let way = ends[1] - ends[0];
@@ -183,7 +186,7 @@ impl Fit<'_> {
         }
     }
 
-    /// Radii near those of the widths, and not growing towards the tip.
+    /// Residuals of the radii: near those of the seen widths, and not growing towards the tip.
     fn add_radii(&self, normal: &mut Normal) {
         let radii = self.column_of_radii();
         for end in 0..2 {
@@ -197,7 +200,7 @@ impl Fit<'_> {
         }
     }
 
-    /// The piece of the axis nearest to a point, and the place on it from 0 to 1.
+    /// The piece of the axis nearest to a point, and the nearest place on it, from 0 to 1.
     fn nearest(&self, point: &Point3<f64>) -> (usize, f64) {
         let mut nearest = (f64::INFINITY, 0, 0.0);
         for (piece, ends) in self.axis.windows(2).enumerate() {

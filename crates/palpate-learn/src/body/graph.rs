@@ -1,4 +1,4 @@
-//! Points joined to their neighbours: components, and distances along the surface that they lie on.
+//! A graph of points with edges to near neighbours: connected components, and distances along the surface.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -6,13 +6,13 @@ use std::collections::BinaryHeap;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::Point3;
 
-/// Every point joined to those within a radius.
+/// Points with edges to all others within a radius.
 pub(super) struct Graph {
     neighbours: Vec<Vec<(u32, f64)>>,
 }
 
 impl Graph {
-    /// Joins points within `radius_m` of each other that `joins` lets.
+    /// Joins points within `radius_m` of each other for which `joins` is true.
     pub(super) fn new(
         points: &[Point3<f64>],
         radius_m: f64,
@@ -35,12 +35,12 @@ impl Graph {
         Self { neighbours: places.iter().enumerate().map(around).collect() }
     }
 
-    /// Points that a point is joined to, and how far they are, m.
+    /// Neighbours of a point, and their distances, m.
     pub(super) fn neighbours(&self, point: usize) -> &[(u32, f64)] {
         &self.neighbours[point]
     }
 
-    /// The connected pieces of some points, each in rising order, in the order of their first points.
+    /// The connected components of these points, each in rising order, in the order of their first points.
     pub(super) fn pieces(&self, points: &[u32]) -> Vec<Vec<u32>> {
         let mut open = vec![false; self.neighbours.len()];
         points.iter().for_each(|&point| open[point as usize] = true);
@@ -64,10 +64,10 @@ impl Graph {
         pieces
     }
 
-    /// Length of the shortest way along edges from any of `starts`, m; infinite where there is none.
+    /// Length of the shortest path along edges from any of `starts` to each point, m; infinite if there is none.
     pub(super) fn distances_m(&self, starts: &[u32]) -> Vec<f64> {
         let mut distances = vec![f64::INFINITY; self.neighbours.len()];
-        // Distances are not negative: their bits are in their order.
+        // Distances are not negative, so their bits as integers have the same order.
         let mut queue: BinaryHeap<Reverse<(u64, u32)>> = BinaryHeap::new();
         for &start in starts {
             distances[start as usize] = 0.0;

@@ -1,4 +1,4 @@
-//! Leaves: flat patches of one colour, hung on the nearest wood.
+//! Leaves: flat patches of one colour, attached to the nearest wood.
 
 use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use palpate::unstable::{Segment, SegmentKind};
@@ -6,7 +6,7 @@ use palpate::unstable::{Segment, SegmentKind};
 use super::graph::Graph;
 use super::view::Views;
 
-/// Spring of a leaf's stalk, N·m/rad, where wood has the modulus of [`super::WOOD_MODULUS_PA`].
+/// Bending stiffness of a leaf's stalk, N·m/rad, for wood of modulus [`super::WOOD_MODULUS_PA`].
 const STALK_N_M_PER_RAD: f64 = 0.006;
 /// Half the thickness of a leaf, m.
 const HALF_THICKNESS_M: f64 = 0.0016;
@@ -59,7 +59,7 @@ fn patch(points: &[Point3<f64>], members: &[u32]) -> Patch {
     }
 }
 
-/// Leaves that hang from `wood`, as segments that come after it.
+/// Leaves attached to `wood`, as segments to be appended to it.
 pub(super) fn leaves(
     points: &[Point3<f64>],
     colours: &[[u8; 3]],

@@ -1,20 +1,20 @@
-//! From coloured clouds to an elastic body: stems, branches and leaves of what cameras saw.
+//! Elastic bodies from coloured clouds: stems, branches and leaves of a plant, or a cushion.
 //!
 //! | file       | does                                                                             |
 //! |------------|----------------------------------------------------------------------------------|
 //! | `blocks`   | a cushion: blocks under the seen surface                                          |
-//! | `wood`     | parts wood from leaves by colour and shape                                        |
+//! | `wood`     | separates wood from leaves by colour and shape                                    |
 //! | `otsu`     | the threshold between two classes of numbers                                      |
 //! | `skeleton` | level sets of the distance from the root; joins pieces across gaps                |
 //! | `tubes`    | axis and radius of each branch: from the seen width, then by least squares         |
 //! | `fit`      | the least squares of one branch                                                    |
-//! | `radii`    | draws radii to the taper that branches of an order have in common                  |
-//! | `leaves`   | flat patches, hung on the nearest wood                                            |
-//! | `explained` | whether the body is what the cloud shows                                       |
-//! | `view`     | where the cameras stood, and through which space they looked                       |
-//! | `graph`    | neighbours, connected pieces, distances along a surface                            |
+//! | `radii`    | regularises radii towards the common taper of branches of the same order           |
+//! | `leaves`   | flat patches, attached to the nearest wood                                        |
+//! | `explained` | the share of the cloud that a body does not explain                            |
+//! | `view`     | viewpoints of the cameras, and the space that they saw to be free                  |
+//! | `graph`    | neighbours, connected components, distances along a surface                        |
 //!
-//! Only what faces a camera is seen. What is hidden, and wood of the colour of leaves, is
+//! Only surfaces that face a camera are seen; hidden parts, and wood with the colour of leaves, are
 //! missed. If stems, branches and leaves leave much of the cloud unexplained, it shows a cushion.
 
 mod blocks;
@@ -41,60 +41,61 @@ use self::tubes::{Tube, at_arc};
 pub use self::view::guess_viewpoint;
 use self::view::{View, Views};
 
-/// Young's modulus of wood before a touch says otherwise, Pa.
+/// Young's modulus of wood before any touch, Pa.
 pub const WOOD_MODULUS_PA: f64 = 4.8e8;
 /// Length of a segment, m; twice as long in stems.
 const SEGMENT_M: f64 = 0.03;
 /// Larger clouds are thinned to one point in a cube of [`THINNED_M`].
 const MOST_POINTS: usize = 60_000;
 const THINNED_M: f64 = 0.0015;
-/// A tube that begins nearer than this to its root begins at it, m.
+/// A tube that starts nearer than this to its root is not extended to it, m.
 const NO_LEAD_M: f64 = 0.005;
-/// Largest share of the points that may lie on no segment of a body.
+/// Largest share of unexplained points at which a cloud counts as a plant.
 const MOST_UNEXPLAINED: f64 = 0.4;
 
-/// What one camera saw of an object.
+/// The coloured points of one camera.
 #[derive(Debug, Clone, Copy)]
 pub struct Picture<'a> {
-    /// World frame, m.
+    /// Points, world frame, m.
     pub points: &'a [Point3<f64>],
-    /// sRGB, one for each point.
+    /// Colours, sRGB, one for each point.
     pub colours: &'a [[u8; 3]],
-    /// Where the camera stood, m, world frame; if it is not known, a place from which no point hides another.
+    /// Position of the camera, m, world frame; `None`: guessed by [`guess_viewpoint`].
     pub viewpoint: Option<Point3<f64>>,
 }
 
 /// What is known of an object besides its pictures.
 #[derive(Debug, Clone, Default)]
 pub struct ObjectHints {
-    /// What it is; found from the pictures if left out.
+    /// Kind of the object; `None`: found from the pictures.
     pub kind: Option<ObjectKind>,
-    /// Where a plant is held, one for each tree, m, world frame; where it meets the ground if there is none.
+    /// Root of each tree of a plant, m, world frame; if empty, trees start where they meet the ground.
     pub roots_m: Vec<Point3<f64>>,
 }
 
 impl ObjectHints {
-    /// What the object is said to be: what has roots is a plant.
+    /// The kind of the object, if it is given; an object with roots is a plant.
     pub fn kind(&self) -> Option<ObjectKind> {
         self.kind.or((!self.roots_m.is_empty()).then_some(ObjectKind::Plant))
     }
 }
 
-/// The elastic bodies that pictures of an object can be read as. They differ in what hangs together across
-/// gaps: a branch that comes out of hidden space may hang from any of several others, and only touches
-/// show from which.
+/// The elastic bodies that an object may be according to its pictures, the most likely first. They differ in
+/// how pieces are joined across gaps: a branch that comes out of hidden space may belong to any of several
+/// others, and only touches show to which.
 ///
-/// Springs are those of round rods of [`WOOD_MODULUS_PA`]: `E π r⁴ / 4` over the length that a joint
-/// stands for. The same pictures give the same bodies. Cost: 0.1 s for 30,000 points, and a second
-/// for the search of a camera.
+/// Joints have the bending stiffness of round rods of [`WOOD_MODULUS_PA`]: `E π r⁴ / 4` over the length that
+/// a joint represents. The same pictures give the same bodies. Cost: 0.1 s for 30,000 points, and a second
+/// to guess a viewpoint.
 ///
-/// No two of them are the same. If no branch is found, or stems, branches and leaves leave two fifths of the
-/// points unexplained, the only one is a cushion of blocks; none if nothing stands above the lowest point.
-/// If the kind of the object is given, only such bodies are made; what has roots is a plant.
+/// All bodies are different. If no branch is found, or stems, branches and leaves leave two fifths of the
+/// points unexplained, the only body is a cushion of blocks; there is none if nothing is above the lowest
+/// point. If the kind of the object is given, only bodies of this kind are made; an object with roots is a
+/// plant.
 ///
 /// # Panics
 ///
-/// If a picture has not one colour for each point.
+/// If a picture does not have one colour for each point.
 pub fn readings(pictures: &[Picture<'_>], hints: &ObjectHints) -> Vec<ElasticBody> {
     let all: Vec<SeenPoint> = seen_points(pictures);
     let points: Vec<Point3<f64>> = all.iter().map(|seen| seen.place).collect();
@@ -118,18 +119,18 @@ pub fn readings(pictures: &[Picture<'_>], hints: &ObjectHints) -> Vec<ElasticBod
     bodies
 }
 
-/// What an object is.
+/// Kind of an object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ObjectKind {
     /// Stems, branches and leaves.
     Plant,
-    /// Anything else that gives way: a cushion, a bag, a dense bush.
+    /// Any other soft object: a cushion, a bag, a dense bush.
     Cushion,
 }
 
 impl ObjectKind {
-    /// The words for them.
+    /// Names of the kinds in files and options.
     pub const WORDS: [&str; 2] = ["plant", "cushion"];
 }
 
@@ -150,7 +151,7 @@ fn seen_points(pictures: &[Picture<'_>]) -> Vec<SeenPoint> {
     pictures.iter().enumerate().flat_map(of_picture).collect()
 }
 
-/// All points, parted.
+/// All points, separated into wood and leaves.
 struct Cloud {
     wood: Vec<Point3<f64>>,
     leaves: (Vec<Point3<f64>>, Vec<[u8; 3]>),
@@ -182,7 +183,7 @@ impl Cloud {
         Some(Self { wood, leaves, views })
     }
 
-    /// The body that it is if its pieces hang together in a way.
+    /// The body under these settings of joining; `None` if there is no branch.
     fn body(&self, joining: &Joining, roots_m: &[Point3<f64>]) -> Option<ElasticBody> {
         let nodes = skeleton::skeleton(&self.wood, &self.views, (joining, roots_m));
         let branches = skeleton::branches(&nodes);
@@ -205,7 +206,7 @@ impl Cloud {
     }
 }
 
-/// One point of each picture, the first, in each small cube of large clouds.
+/// The points; of large clouds, only the first point of each picture in each small cube.
 fn thinned(all: &[SeenPoint]) -> Vec<SeenPoint> {
     if all.len() <= MOST_POINTS {
         return all.to_vec();
@@ -215,8 +216,8 @@ fn thinned(all: &[SeenPoint]) -> Vec<SeenPoint> {
     all.iter().copied().filter(|seen| taken.insert((seen.picture, cube(seen)))).collect()
 }
 
-/// Puts a place before the first of a tube that stands by itself: its root, or one in the ground below the
-/// lowest point that was seen. Returns whether it did: a tube may begin at its root.
+/// Extends the start of a tube to its nearest root or, without roots, 2 cm down. Returns whether it did: a tube that
+/// starts at its root is not extended.
 fn lead_to_root(tube: &mut Tube, roots_m: &[Point3<f64>]) -> bool {
     let first = tube.axis[0];
     let apart = |root: &Point3<f64>| (root - first).norm();
@@ -229,7 +230,7 @@ fn lead_to_root(tube: &mut Tube, roots_m: &[Point3<f64>]) -> bool {
     true
 }
 
-/// The branch that carries each branch, if one does.
+/// For each branch, the branch that carries it, if any.
 fn carriers(nodes: &[SkeletonNode], branches: &[Branch]) -> Vec<Option<usize>> {
     let mut branch_of = vec![usize::MAX; nodes.len()];
     for (number, branch) in branches.iter().enumerate() {
@@ -238,8 +239,8 @@ fn carriers(nodes: &[SkeletonNode], branches: &[Branch]) -> Vec<Option<usize>> {
     branches.iter().map(|branch| branch.carried.then(|| branch_of[branch.nodes[0]])).collect()
 }
 
-/// Cuts a tube into straight segments; `carries` is called with the segment that each node of the tube lies on. So many
-/// places `ahead` of its nodes are none.
+/// Cuts a tube into straight segments; `carries` is called with each node of the tube and its segment. The first
+/// `ahead` places of the tube are not nodes.
 fn cut(
     tube: &Tube,
     (mut parent, ahead): (Option<u32>, usize),
@@ -269,7 +270,7 @@ fn cut(
         let straight = (end_m - start_m).norm().max(1e-4);
         let joint_radius = radius(at(number));
         let inertia = std::f64::consts::FRAC_PI_4 * joint_radius.powi(4);
-        // The first joint stands for the bending of half a segment, the others for that of a whole one.
+        // The first joint represents the bending of half a segment, the others that of a whole one.
         let bends = if number == 0 { 0.5 * straight } else { straight };
         segments.push(Segment {
             parent,

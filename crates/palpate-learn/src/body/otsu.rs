@@ -1,6 +1,6 @@
-//! A threshold that parts numbers into two classes (Otsu 1979).
+//! A threshold that separates numbers into two classes (Otsu 1979).
 
-/// The threshold that leaves most of the variance between the two classes.
+/// The threshold with the largest variance between the two classes.
 pub(super) fn otsu(values: &[f64]) -> f64 {
     const BINS: usize = 256;
     let low = values.iter().copied().fold(f64::INFINITY, f64::min);

@@ -1,19 +1,20 @@
-//! Radii drawn to the taper that branches of an order have in common.
+//! Regularises radii towards the common taper of branches of the same order.
 //!
 //! Bending stiffness grows with the fourth power of the radius, and a branch that is half hidden looks
-//! half as thick: a single width is worth little.
+//! half as thick, so the width of a single branch is not reliable.
 
 use nalgebra::Vector2;
 
 use super::tubes::{Tube, fit_line};
 use crate::upper_median::upper_median;
 
-/// Branches of half this length keep half of their own width, m.
+/// At this length, m, a branch's own radius has a weight of 0.25 against the common taper; for longer branches the
+/// weight approaches 0.5.
 const HALF_LENGTH_M: f64 = 0.04;
-/// Branches of a stem that are at least this long count as branches, all others as twigs, m.
+/// Tubes that a stem carries count as branches if they are longer than this, m; all others as twigs.
 const BRANCH_M: f64 = 0.08;
 
-/// What a branch is carried by decides what it has in common with others.
+/// Order of a branch. Branches of the same order share a taper.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Order {
     Stem,
@@ -21,9 +22,9 @@ enum Order {
     Twig,
 }
 
-/// Draws the radii of branches and twigs to their common taper; stems keep theirs.
+/// Regularises the radii of branches and twigs towards their common taper; stems keep theirs.
 ///
-/// `carriers`: which tube carries each, if any does.
+/// `carriers`: for each tube, the index of the tube that carries it, if any.
 pub(super) fn draw_together(tubes: &mut [Tube], carriers: &[Option<usize>]) {
     let arcs: Vec<Vec<f64>> = tubes.iter().map(Tube::arc_m).collect();
     let length = |at: usize| arcs[at][arcs[at].len() - 1];
@@ -54,7 +55,7 @@ pub(super) fn draw_together(tubes: &mut [Tube], carriers: &[Option<usize>]) {
     }
 }
 
-/// A line through most of the radii.
+/// Offset and slope of a robust line through the radii.
 fn robust_line(places: &[f64], radii: &[f64]) -> Vector2<f64> {
     let mut line = Vector2::new(upper_median(&mut radii.to_vec()).unwrap_or(0.0), 0.0);
     for _ in 0..20 {

@@ -1,4 +1,4 @@
-//! The skeleton of the wood: level sets of the distance from the root, pieces joined across gaps.
+//! The skeleton of the wood: level sets of the distance from the root, and bridges between separate pieces.
 
 use std::collections::BTreeMap;
 
@@ -7,19 +7,19 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 use super::graph::Graph;
 use super::view::Views;
 
-/// What is taken to hang together.
+/// Settings of how points are joined to pieces, and pieces to trees.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Joining {
-    /// Points nearer than this do, m.
+    /// Points nearer than this are in the same piece, m.
     near_m: f64,
     /// Pieces of fewer points are left out.
     fewest_points: usize,
-    /// What a gap costs by its length if it lies across the direction of its piece; along it, one less.
+    /// Cost of a bridge per length if it is perpendicular to the direction of its piece; parallel to it, one less.
     across: f64,
 }
 
 impl Joining {
-    /// The one that is right most often first.
+    /// The settings that are tried, those that are right most often first.
     pub(super) const ALL: [Self; 4] = [
         Self { near_m: 0.006, fewest_points: 4, across: 2.0 },
         Self { near_m: 0.008, fewest_points: 4, across: 2.0 },
@@ -28,32 +28,31 @@ impl Joining {
     ];
 }
 
-/// Height of a level set, m.
+/// Range of distances in a level set, m.
 const LEVEL_M: f64 = 0.008;
-/// Widest gap that is bridged, m,
+/// Widest gap that is bridged, m.
 const WIDEST_GAP_M: f64 = 0.12;
-/// or as a share of the size of the piece: leaves may hide much of a stem.
+/// Widest gap as a share of the size of the piece, if that is larger: leaves may hide much of a stem.
 const WIDEST_GAP_SHARE: f64 = 0.5;
-/// Pieces that reach down to this above the lowest point stand on the ground, m,
+/// Pieces whose lowest point is less than this above the ground may stand on it, m.
 const GROUND_M: f64 = 0.03;
-/// if no larger one does so within this, m.
+/// Least horizontal distance of such a piece from larger ones that stand on the ground, m.
 const APART_M: f64 = 0.05;
-/// Branches that end in less than this are left out, m.
+/// Shorter branches that carry no other branch are left out, m.
 const SHORTEST_M: f64 = 0.012;
 
 /// A level set of a branch.
 #[derive(Debug, Clone)]
 pub(super) struct SkeletonNode {
-    /// Middle of its points, m.
+    /// Mean of its points, m.
     pub place: Point3<f64>,
-    /// The node that it hangs from.
+    /// The node that carries it.
     pub parent: Option<usize>,
-    /// Its points.
+    /// Indices of its points.
     pub members: Vec<u32>,
 }
 
-/// Nodes of wood points, each after the one that it hangs from. Trees begin at the roots, or on the ground
-/// where none is given.
+/// The nodes of wood points, parents first. Trees begin at the roots, or on the ground if no roots are given.
 pub(super) fn skeleton(
     points: &[Point3<f64>],
     views: &Views,
@@ -96,7 +95,7 @@ pub(super) fn skeleton(
     prune(builder.nodes)
 }
 
-/// The pieces nearest to the roots, with their points that are nearest to each.
+/// For each root, the nearest piece, with its points that are nearest to the root.
 fn rooted(
     points: &[Point3<f64>],
     pieces: &[Vec<u32>],
@@ -124,7 +123,7 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    /// Adds the level sets of a piece, seen from `starts`, to what hangs from `parent`.
+    /// Adds the level sets of the distance from `starts` in a piece, as descendants of `parent`.
     fn add(&mut self, piece: &[u32], starts: &[u32], parent: Option<usize>) {
         let distances = self.graph.distances_m(starts);
         let level = |point: u32| (distances[point as usize] / LEVEL_M) as usize;
@@ -145,7 +144,7 @@ impl Builder<'_> {
         }
     }
 
-    /// The node of the level below that most edges lead to.
+    /// The earlier node to which most edges lead.
     fn below(&self, members: &[u32], node_of: &[usize]) -> Option<usize> {
         let edges = members.iter().flat_map(|&point| self.graph.neighbours(point as usize));
         let mut nodes: Vec<usize> = (edges.map(|(other, _)| node_of[*other as usize]))
@@ -172,7 +171,7 @@ fn middle(points: &[Point3<f64>], members: &[u32]) -> Point3<f64> {
     Point3::from(sum / members.len() as f64)
 }
 
-/// The diagonal of the box around some points, m.
+/// The diagonal of the bounding box of points, m.
 fn size_m(points: &[Point3<f64>], members: &[u32]) -> f64 {
     let places = || members.iter().map(|&at| points[at as usize].coords);
     let Some(first) = places().next() else { return 0.0 };
@@ -181,7 +180,7 @@ fn size_m(points: &[Point3<f64>], members: &[u32]) -> f64 {
     (high - low).norm()
 }
 
-/// The direction in which some points stretch most, and their spread along it and across, m.
+/// The principal direction of points, and their standard deviations along it and (the larger one) across, m.
 pub(super) fn direction(points: &[Point3<f64>], members: &[u32]) -> (Vector3<f64>, [f64; 2]) {
     let centre = middle(points, members);
     let spread = members.iter().fold(Matrix3::zeros(), |sum, &at| {
@@ -195,7 +194,7 @@ pub(super) fn direction(points: &[Point3<f64>], members: &[u32]) -> (Vector3<f64
     (eigen.eigenvectors.column(largest).into_owned(), [along_m, spreads_m.max()])
 }
 
-/// The cheapest bridge that was found to a piece.
+/// A bridge from a node of the tree to a point of a piece.
 #[derive(Clone, Copy)]
 struct Bridge {
     cost: f64,
@@ -203,8 +202,8 @@ struct Bridge {
     point: u32,
 }
 
-/// Joins pieces to the tree, the cheapest bridge first (Prim): short ones, through space that the camera
-/// has not seen to be free, in the direction of the piece.
+/// Joins pieces to the trees, the cheapest bridge first (Prim). Bridges are cheap if they are short, in the direction
+/// of the piece, and not through space that a camera saw to be free.
 fn join(builder: &mut Builder<'_>, pieces: &[Vec<u32>], views: &Views, joining: &Joining) {
     let points = builder.points;
     let widest_m: Vec<f64> = (pieces.iter())
@@ -254,7 +253,7 @@ fn join(builder: &mut Builder<'_>, pieces: &[Vec<u32>], views: &Views, joining: 
     }
 }
 
-/// Leaves out branches that are shorter than what a level set can resolve.
+/// Leaves out carried branches shorter than [`SHORTEST_M`] that carry no other branch.
 fn prune(mut nodes: Vec<SkeletonNode>) -> Vec<SkeletonNode> {
     for _ in 0..3 {
         let branches = branches(&nodes);
@@ -287,24 +286,23 @@ fn prune(mut nodes: Vec<SkeletonNode>) -> Vec<SkeletonNode> {
     nodes
 }
 
-/// A way through the skeleton from where it begins to a tip.
+/// A path through the skeleton from a root or a fork to a tip.
 #[derive(Debug, Clone)]
 pub(super) struct Branch {
     /// Its nodes; if it is carried, the first belongs to the branch that carries it.
     pub nodes: Vec<usize>,
-    /// Whether it hangs from another branch, rather than standing on the ground.
+    /// Whether another branch carries it; otherwise it begins at a root.
     pub carried: bool,
 }
 
 impl Branch {
-    /// Its nodes without that of the branch that carries it.
+    /// Its nodes without the first one of a carried branch.
     pub(super) fn own(&self) -> &[usize] {
         &self.nodes[usize::from(self.carried)..]
     }
 }
 
-/// The skeleton as branches, the longest ways first taken: each goes on into the longest of what it
-/// carries.
+/// Divides the skeleton into branches: at each fork, a branch continues along the longest path.
 pub(super) fn branches(nodes: &[SkeletonNode]) -> Vec<Branch> {
     let mut children = vec![Vec::new(); nodes.len()];
     let mut reach = vec![0.0_f64; nodes.len()];

@@ -1,4 +1,4 @@
-//! Branches as tapering tubes: by the width that the camera saw, then fitted to the seen points ([`fit()`]).
+//! Branches as tapering tubes: from the width that the camera saw, then fitted to the seen points ([`fit()`]).
 
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
@@ -7,29 +7,29 @@ use super::skeleton::{Branch, SkeletonNode};
 use super::view::{View, Views};
 use crate::upper_median::upper_median;
 
-/// Thinnest and thickest radius, m.
+/// Smallest and largest radius, m.
 pub(super) const RADIUS_M: [f64; 2] = [0.0018, 0.018];
 
-/// The axis of a branch, and how thick it is along it.
+/// Axis and radii of a branch.
 #[derive(Debug, Clone)]
 pub(super) struct Tube {
-    /// Places of the branch's nodes on the axis, m; the first on that of the carrying branch, if there is
-    /// one.
+    /// Places of the branch's nodes on the axis, m; of a carried branch, the first is on the axis of the
+    /// branch that carries it.
     pub axis: Vec<Point3<f64>>,
-    /// By node, m.
+    /// Radius at each node, m.
     pub radii: Vec<f64>,
     /// Whether the first place belongs to another branch.
     pub carried: bool,
 }
 
 impl Tube {
-    /// Way along the axis to each node, m.
+    /// Arc length along the axis to each node, m.
     pub(super) fn arc_m(&self) -> Vec<f64> {
         arc_m(&self.axis)
     }
 }
 
-/// Way along a polyline to each of its places, m.
+/// Arc length along a polyline to each of its places, m.
 pub(super) fn arc_m(places: &[Point3<f64>]) -> Vec<f64> {
     let lengths = places.windows(2).map(|pair| (pair[1] - pair[0]).norm());
     let sums = lengths.scan(0.0, |sum, length| {
@@ -54,7 +54,7 @@ pub(super) fn tubes(
         let radii = taper(&arc_m(&own.iter().map(|&node| axis[node]).collect::<Vec<_>>()), &seen);
         for (at, &node) in own.iter().enumerate() {
             radius[node] = radii[at];
-            // The side that one camera saw lies a quarter of the circumference's mean before the axis.
+            // Points on the side that a camera sees are on average radius · π / 4 in front of the axis.
             axis[node] =
                 seen.middle[at] + seen.away[at] * (std::f64::consts::FRAC_PI_4 * radii[at]);
         }
@@ -83,16 +83,16 @@ pub(super) fn tubes(
     branches.iter().map(tube).collect()
 }
 
-/// What the cameras saw of each node of a branch.
+/// The seen width and position of each node of a branch.
 struct Seen {
-    /// Half the width across the line of sight of the camera that saw most, m.
+    /// Half the width across the line of sight of the camera that saw the most points, m.
     half_width: Vec<f64>,
-    /// How far it can be believed.
+    /// Weight of the width.
     weight: Vec<f64>,
-    /// Smoothed middle of the points, m.
+    /// Smoothed mean of the points, m.
     middle: Vec<Point3<f64>>,
-    /// Away from the camera, across the branch; shorter the more the camera looks along it. The mean over the
-    /// points: nothing if half of them were seen from each side.
+    /// Direction away from the camera, perpendicular to the branch; shorter the more the camera looks along it. The
+    /// mean over the points: zero if half of them were seen from each side.
     away: Vec<Vector3<f64>>,
 }
 
@@ -148,8 +148,8 @@ fn direction_of_short(nodes: &[SkeletonNode], own: &[usize]) -> Vector3<f64> {
     last.place - from
 }
 
-/// Half the width of points across the line of sight: by their spread, after bending is taken out, and
-/// by the area that they cover in the picture.
+/// Two estimates of half the width of points across the line of sight, m: from their spread about a straight line,
+/// and from the area that they cover in the picture.
 fn widths(
     members: &[Point3<f64>],
     (middle, tangent, across): (&Point3<f64>, &Vector3<f64>, &Vector3<f64>),
@@ -168,17 +168,17 @@ fn widths(
     let variance = ((ww - slope * aw) / n).max(0.0);
     let low = along.iter().copied().fold(f64::INFINITY, f64::min);
     let high = along.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    // Pixels at the edge are covered in part.
+    // The factor accounts for pixels at the edge, which are partly covered.
     let pixel =
         |point: &Point3<f64>| 0.9 * ((point - view.viewpoint).norm() * view.pixel_rad).powi(2);
     let area: f64 = members.iter().map(pixel).sum();
-    // A pixel's width lies between the outermost points and the edges.
+    // Half a pixel is added at each end, between the outermost points and the edges.
     let length = high - low + (area / n).sqrt();
     (3.0_f64.sqrt() * variance.sqrt(), area / (2.0 * length * sine))
 }
 
-/// Radii along a branch: a straight line through the widths, that does not grow towards the tip. What
-/// hides a branch only narrows it, so widths above the line count more.
+/// Radii along a branch, m: a straight line through the half-widths that does not grow towards the tip. Parts that are
+/// hidden only look narrower, so widths above the line have more weight.
 fn taper(arc: &[f64], seen: &Seen) -> Vec<f64> {
     let n = arc.len();
     let clamp = |radius: f64| radius.clamp(RADIUS_M[0], RADIUS_M[1]);
@@ -233,7 +233,7 @@ fn smooth(axis: &mut [Point3<f64>], own: &[usize]) {
     }
 }
 
-/// The place of a polyline at a way along it.
+/// The place on a polyline at an arc length.
 pub(super) fn at_arc(places: &[Point3<f64>], arc: &[f64], at: f64) -> Point3<f64> {
     let after = arc.partition_point(|&arc| arc < at).clamp(1, arc.len() - 1);
     let (low, high) = (arc[after - 1], arc[after]);

@@ -1,4 +1,4 @@
-//! From where a cloud was seen, and through which space the camera looked.
+//! The viewpoint of a cloud, and the space that the camera saw to be free.
 
 use std::num::NonZero;
 
@@ -7,25 +7,25 @@ use nalgebra::{Point3, Vector3};
 
 use crate::upper_median::upper_median;
 
-/// A camera's place and what it saw along each direction.
+/// The viewpoint of a camera, and the distance that it saw in each direction.
 pub(super) struct View {
     pub viewpoint: Point3<f64>,
     /// Angle between neighbouring pixels, rad.
     pub pixel_rad: f64,
-    /// Right, down, forward.
+    /// Axes of the camera: right, down, forward.
     axes: [Vector3<f64>; 3],
-    /// Directions of the seen points, and how far each is, m.
+    /// Directions (slopes) of the seen points, and their distances, m.
     seen: ImmutableKdTree<f64, 2>,
     distances_m: Vec<f64>,
-    /// Lowest and highest slopes of these directions: the camera may not have looked beyond them.
+    /// Lowest and highest slopes of these directions; beyond them, nothing is known to be free.
     window: [[f64; 2]; 2],
 }
 
-/// Behind the nearest point by less than this, space is not said to be seen, m.
+/// Tolerance of depth comparisons, m: a place is free, and a point hidden, only if the depths differ by more.
 const TOLERANCE_M: f64 = 0.012;
 
 impl View {
-    /// A view of points from a place. Points behind it are left out.
+    /// A view of points from a viewpoint. Points behind the camera are left out.
     pub(super) fn new(points: &[Point3<f64>], viewpoint: Point3<f64>) -> Self {
         let middle = points.iter().fold(Vector3::zeros(), |sum, point| sum + point.coords)
             / points.len().max(1) as f64;
@@ -40,8 +40,8 @@ impl View {
         Self { viewpoint, pixel_rad: pixel(&seen, &slopes), axes, seen, distances_m, window }
     }
 
-    /// Whether the camera saw a place to be empty: it looked there, and what it saw in that direction, if anything,
-    /// lies behind.
+    /// Whether the camera saw that a place is free: the place is in the window, and the point in this direction, if
+    /// any, is farther away.
     fn is_free(&self, place: &Point3<f64>) -> bool {
         let Some((slopes, distance)) = slopes(&self.axes, &(place - self.viewpoint)) else {
             return false;
@@ -59,12 +59,12 @@ impl View {
 /// The views of all pictures.
 pub(super) struct Views {
     pub all: Vec<View>,
-    /// Which of them saw each point of the wood.
+    /// Index of the view that saw each point of the wood.
     pub of_wood: Vec<usize>,
 }
 
 impl Views {
-    /// Share of the way between two places that any camera saw to be empty.
+    /// Share of the line between two places that any camera saw to be free.
     pub(super) fn seen_free(&self, from: &Point3<f64>, to: &Point3<f64>) -> f64 {
         const PLACES: u32 = 9;
         let is_free = |step: u32| {
@@ -84,7 +84,7 @@ fn camera_axes(towards: &Vector3<f64>) -> [Vector3<f64>; 3] {
     [right, forward.cross(&right), forward]
 }
 
-/// Slopes of a ray across and down, and its length; nothing behind the camera.
+/// Slopes of a ray to the right and down, and its length, m; `None` behind the camera.
 fn slopes(
     [right, down, forward]: &[Vector3<f64>; 3],
     ray: &Vector3<f64>,
@@ -93,7 +93,7 @@ fn slopes(
     (depth > 1e-6).then(|| ([ray.dot(right) / depth, ray.dot(down) / depth], ray.norm()))
 }
 
-/// The angle between a seen point and the one next to it, in the median, rad.
+/// The median angle between a seen point and its nearest neighbour, rad.
 fn pixel(seen: &ImmutableKdTree<f64, 2>, slopes: &[[f64; 2]]) -> f64 {
     const TWO: NonZero<usize> = NonZero::<usize>::MIN.saturating_add(1);
     let gap = |slopes: &[f64; 2]| {
@@ -104,11 +104,11 @@ fn pixel(seen: &ImmutableKdTree<f64, 2>, slopes: &[[f64; 2]]) -> f64 {
     upper_median(&mut gaps).map_or(1e-3, |gap| gap.max(1e-5))
 }
 
-/// Where the camera stood that saw these points: a place from which no point hides another.
+/// Guesses the viewpoint of a cloud: the place from which the fewest points are hidden by others.
 ///
-/// A search over directions and distances, then around the best; points and the place in m, in the same
-/// frame. Of a cloud put together from several views, it is a place from which much of it is seen: give
-/// each view as a picture of its own.
+/// Searches over directions and distances, then around the best; points and result in m, in the same
+/// frame. For a cloud that was merged from several views the result is not one of their viewpoints: pass
+/// each view as a separate picture.
 pub fn guess_viewpoint(points: &[Point3<f64>]) -> Point3<f64> {
     const DIRECTIONS: u32 = 200;
     const DISTANCES_M: [f64; 3] = [0.8, 1.2, 2.0];
@@ -143,7 +143,7 @@ pub fn guess_viewpoint(points: &[Point3<f64>]) -> Point3<f64> {
     best.1
 }
 
-/// How many points lie behind another one, seen from a place.
+/// Number of points that are hidden behind others, seen from a place.
 fn hidden(points: &[Point3<f64>], place: &Point3<f64>, centre: &Point3<f64>) -> usize {
     /// Width of the cells in which points hide each other, at the distance of the centre, m.
     const CELL_M: f64 = 0.004;
@@ -161,7 +161,7 @@ fn hidden(points: &[Point3<f64>], place: &Point3<f64>, centre: &Point3<f64>) -> 
     let size = [0, 1].map(|axis| (-bound(axis, -1) - low[axis] + 1) as usize);
     let cell = |at: &[i32; 2]| (at[0] - low[0]) as usize + size[0] * (at[1] - low[1]) as usize;
     if size[0].saturating_mul(size[1]) > 4_000_000 {
-        return points.len(); // so near that it is in the midst of them
+        return points.len(); // the place is among the points
     }
     let mut nearest_m = vec![f64::INFINITY; size[0] * size[1]];
     for (at, distance_m) in &seen {

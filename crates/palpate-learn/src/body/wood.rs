@@ -1,4 +1,4 @@
-//! Wood against leaf: by colour, and by shape where a stem has the colour of leaves.
+//! Separates wood from leaves: by colour, and by shape if a stem has the colour of leaves.
 
 use nalgebra::Point3;
 
@@ -6,11 +6,12 @@ use super::graph::Graph;
 use super::otsu::otsu;
 use super::skeleton::direction;
 
-/// Points of a stem hang together across gaps of this, m.
+/// Largest gap between points of one piece, m.
 const JOINED_M: f64 = 0.006;
-/// A piece that is spread by as much as this along it, m (a rod of 17 cm),
+/// A piece is wood, whatever its colour, if its standard deviation along it is larger than this, m
+/// (a rod of 17 cm),
 const LONG_M: f64 = 0.05;
-/// and by less than this share of it in any direction across is a rod, whatever its colour.
+/// and its standard deviation in every direction across is less than this share of it.
 const THIN: f64 = 0.12;
 
 /// Whether each point is wood.
@@ -28,7 +29,8 @@ pub(super) fn is_wood(points: &[Point3<f64>], colours: &[[u8; 3]]) -> Vec<bool> 
     is_wood
 }
 
-/// Whether each colour is redder than it is green, by the threshold that parts the two best (Otsu).
+/// Whether the ratio of red to green of each colour is above the threshold that separates two
+/// classes best (Otsu).
 fn is_redder(colours: &[[u8; 3]]) -> Vec<bool> {
     let redness: Vec<f64> = colours
         .iter()

@@ -1,24 +1,25 @@
-//! Whether touches contradict a field that was learnt before, and what has changed then.
+//! Whether touches contradict a field that was learnt before, and what has changed since.
 //!
-//! A touch contradicts the field where it fits worse than the touches did that were held out when the field's bands were
-//! calibrated, by either of two measures ([`Calibration::misfits`]): beyond what their logarithms, taken for normal, leave
-//! to one touch in eighty. The one knows how sure the field is, the other sees torques that are not there any more.
-//! What has changed is the simplest of these that explains most of the error beyond the sensors' noise:
+//! A touch contradicts the field if it fits worse than the touches that were held out when the field's bands were
+//! calibrated. There are two measures of misfit ([`Calibration::misfits`]): one is relative to the scale of the bands,
+//! the other to the measured torques, which shows torques that have disappeared. The limit of each is what one
+//! unchanged touch in eighty exceeds, if logarithms of misfits are normally distributed. The change is the simplest of
+//! these that explains most of the error beyond sensor noise:
 //!
 //! | change   | explanation                                                        | file         |
 //! |----------|--------------------------------------------------------------------|--------------|
-//! | moved    | the field, shifted level and turned about the vertical             | [`moved`]    |
+//! | moved    | the field, shifted and turned about the vertical                   | [`moved`]    |
 //! | softer, harder | the field's torques times one factor, in the touches that contradict it | this |
 //! | other    | neither                                                            |              |
 //!
-//! A touch that repeats one that the field has learnt (`repeated`) contradicts it where its torques differ from those of
-//! then by more than a quarter and by more than noise, however well the field predicts either. This difference is then
-//! explained by a factor on the torques of then; or by a motion: by the torques of then where the arm was at the same place
-//! of the object, corrected by the field for what is left of the way. Only the second has errors of the field in it, so a
-//! motion may leave more. If a factor leaves next to nothing, it is the explanation: an object that becomes softer or harder
-//! keeps the shape of its torques over the path.
+//! A touch that repeats a learnt one (`repeated`) contradicts it if its torques differ from the earlier ones by more
+//! than a quarter and by more than noise, however well the field predicts either. The difference is explained by a
+//! factor on the earlier torques, or by a motion: by the earlier torques at the same place of the object, corrected by
+//! the field for the remaining difference in position. Only the motion uses the field and has its errors, so a larger
+//! residual is allowed for it. A factor that leaves almost no residual is preferred: an object that becomes softer or
+//! harder keeps the shape of its torques over the path.
 //!
-//! Where the arm touches little that the field knows, and repeats nothing, nothing is said.
+//! If the arm touches few known cells and repeats no touch, the result is [`Change::Unknown`].
 
 pub mod moved;
 mod repeated;
@@ -34,52 +35,56 @@ use crate::tracked::{Tracked, TrackedFrame, TrackedTouch};
 use moved::{Motion, Sampler, Wanted};
 use repeated::{Learnt, Repeated};
 
-/// The share of contacts that the field must know; and that it must know of touches that it predicts in part.
+/// With a smaller share of known contacts, touches that repeat nothing give [`Change::Unknown`].
 const LEAST_KNOWN: f64 = 0.1;
+/// Smallest share of known contacts at which a factor is accepted as the change. Below it, touches that contradict a
+/// field which predicts part of their torque give [`Change::Unknown`].
 const MOSTLY_KNOWN: f64 = 0.6;
-/// The best factor of a field that predicts nothing of a touch, at most.
+/// The field counts as predicting part of a torque if the best factor on its prediction is above this.
 const PREDICTS_NOTHING: f64 = 0.25;
-/// Of the squared error beyond noise, what a motion or a factor may leave of it; and a motion of the squared torque.
+/// Largest residual of a motion or a factor, as a fraction of the squared error beyond noise; of a motion also as a
+/// fraction of the squared torque.
 const LEAVES: f64 = 0.5;
-/// Of what the best factor leaves, what a motion may leave.
+/// Largest residual of a motion, as a fraction of that of the best factor.
 const LEAVES_MOVED: f64 = 0.9;
-/// The same two limits for a motion where touches repeat others: it is not exact there, a factor is.
+/// [`LEAVES`] and [`LEAVES_MOVED`] of a motion for repeated touches: there a motion is less exact than a factor.
 const LEAVES_REPEATED: f64 = 0.7;
 const LEAVES_MOVED_REPEATED: f64 = 2.0;
-/// What a factor that leaves no doubt leaves there: of the error, or of the squared torque.
+/// For repeated touches, a factor is exact if its residual is at most these fractions of the squared error, or of the
+/// squared torque.
 const EXACTLY: [f64; 2] = [0.01, 0.05];
-/// No misfit counts as smaller.
+/// Smaller misfits count as this.
 const LEAST_MISFIT: f64 = 1e-3;
-/// Held-out touches of which misfits are known, at least.
+/// Fewest held-out touches with known misfits.
 const FEWEST: usize = 3;
-/// A squared error of so many times the noise may be noise, since the start of a touch determines the noise roughly.
+/// A squared error up to this factor of the noise may be noise, since the tare of a touch determines the noise roughly.
 const NOISE: f64 = 1.5;
-/// The share of the torque by which a repeated touch may differ from the one that it repeats.
+/// Relative difference of torques above which a repeated touch contradicts the earlier one.
 const REPEATS: f64 = 0.25;
-/// Frames of a touch by which motions are compared, about.
+/// About the number of frames per touch with which motions are compared.
 const FRAMES: usize = 100;
 
-/// What has changed.
+/// What has changed since the field was learnt.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "change", rename_all = "lowercase")]
 pub enum Change {
-    /// Nothing that these touches show.
+    /// The touches show no change.
     Unchanged,
-    /// The object is somewhere else.
+    /// The object was moved.
     Moved(Motion),
-    /// It gives way more easily where touches contradict the field: torques are this factor of what was expected, below 1.
+    /// The object is softer where touches contradict the field.
     Softer {
-        /// 0 where nothing is in the way any more.
+        /// Torque over expected torque, below 1; 0 if nothing is in the way any more.
         factor: f64,
     },
-    /// It holds more: torques are this factor of what was expected, above 1.
+    /// The object is harder where touches contradict the field.
     Harder {
-        /// The factor.
+        /// Torque over expected torque, at least 1.
         factor: f64,
     },
     /// Neither a motion nor a factor explains the touches.
     Other,
-    /// The touches meet too little that the field knows.
+    /// Too few of the touched cells are known to the field.
     Unknown,
 }
 
@@ -92,60 +97,60 @@ impl Change {
     }
 }
 
-/// Some touches beside a field.
+/// Comparison of one or several touches with a field.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
-    /// Share of the contacts that the field knows.
+    /// Share of the contacts whose cells the field knows.
     pub known: f64,
-    /// Their misfit ([`Calibration::misfits`]), over that which would contradict the field: above 1 they do. Of touches that
-    /// repeat learnt ones, their difference from these over that which would; the larger one, if only some do.
+    /// Misfit of the touches ([`Calibration::misfits`]) over its limit: above 1, they contradict the field. For touches
+    /// that repeat learnt ones, relative difference from these over its limit. The larger one, if only some repeat.
     pub contradiction: f64,
-    /// The learnt touches that these repeat.
+    /// Names of the learnt touches that these repeat.
     pub repeats: Vec<String>,
-    /// What has changed.
+    /// The change.
     #[serde(flatten)]
     pub change: Change,
-    /// Its errors.
+    /// Errors of the explanations.
     pub error: RelativeErrors,
-    /// Where torques were outside of their bands.
+    /// Where torques are outside of their bands; only for touches that contradict the field.
     pub place: Option<Place>,
 }
 
-/// Errors relative to those of predicting zero, root mean squares over frames in contact; `None` without torques. Those
-/// with a factor or a motion are `None` where nothing contradicts the field. If touches contradict those that they repeat,
-/// the factor multiplies the torques of the latter, and the motion takes them from where they were measured before.
+/// Errors relative to those of predicting zero, as root mean squares over frames in contact; `None` without torques.
+/// `scaled` and `moved` are `None` if nothing contradicts the field. If touches contradict those that they repeat, the
+/// factor multiplies the earlier torques, and the motion uses the earlier torques at the same place of the object.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RelativeErrors {
-    /// Of the field.
+    /// Error of the field.
     pub field: Option<f64>,
-    /// With the best factor in the touches that contradict it.
+    /// Error with the best factor in the touches that contradict the field.
     pub scaled: Option<f64>,
-    /// After the best motion.
+    /// Error after the best motion.
     pub moved: Option<f64>,
-    /// Of the torque measured in the touches that are repeated.
+    /// Error of the torques that were measured in the repeated touches.
     pub repeated: Option<f64>,
 }
 
-/// Where the object contradicts the field: the touched cells of frames outside of their bands, by what the field expects
-/// of them.
+/// Where the object contradicts the field: the touched cells of frames outside of their bands, weighted by the
+/// stiffness in the field.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Place {
-    /// Centre, m, world frame.
+    /// Mean position, m, world frame.
     pub centre_m: [f64; 3],
-    /// Root mean square distance from it, m.
+    /// Root mean square distance of the cells from the centre, m.
     pub radius_m: f64,
-    /// Cells.
+    /// Number of cells.
     pub cells: usize,
 }
 
-/// Compares touches with a field: each, and all of them together, in this order.
+/// Compares touches with a field. Returns a comparison of each touch, and one of all touches together.
 ///
-/// `tracked` are the touches under the field's lattice and contact model, `learnt` those that the field has learnt, if
-/// they are known.
+/// `tracked` are the new touches under the field's lattice and contact model, `learnt` those that the field has learnt,
+/// if they are available.
 ///
 /// # Errors
 ///
-/// If the field has no bands of these joints, or on being stopped.
+/// If the field has no bands for these joints or too few misfits, or on being stopped.
 pub fn compare(
     (arm, tracked): (&Arm, &Tracked),
     field: &Field,
@@ -164,15 +169,15 @@ pub fn compare(
     Ok((each.collect::<Result<_, _>>()?, beside.compare(&all, stop)?))
 }
 
-/// Touches beside a field.
+/// New touches and a field, for comparisons.
 struct Beside<'a> {
     tracked: &'a Tracked,
     calibration: &'a Calibration,
     sampler: Sampler,
     rows: FieldRows,
-    /// What the field says of the frames in contact, by touch.
+    /// Predictions of the field for the frames in contact, by touch.
     predicted: Vec<Vec<PredictedFrame>>,
-    /// What touches repeat, by touch.
+    /// The learnt touch that each touch repeats, if any.
     repeated: Vec<Option<Repeated<'a>>>,
 }
 
@@ -186,7 +191,7 @@ impl<'a> Beside<'a> {
         Self { tracked, calibration, sampler: Sampler::of(field), rows, predicted, repeated }
     }
 
-    /// The same, with what its touches repeat.
+    /// Finds the learnt touches that the new ones repeat.
     fn repeating(
         mut self,
         arm: &Arm,
@@ -211,7 +216,7 @@ impl<'a> Beside<'a> {
         let sums = Sums::of(touches.iter().flat_map(predicted), noise);
         let repeated: Vec<&Repeated<'_>> =
             touches.iter().filter_map(|touch| self.repeated[*touch].as_ref()).collect();
-        // Both touches have noise.
+        // Twice the noise: both touches have it.
         let again = Sums::of(repeated.iter().flat_map(|own| &own.frames), 2.0 * noise);
         let others = touches.iter().filter(|touch| self.repeated[**touch].is_none());
         let others: Vec<&Vec<PredictedFrame>> = others.map(predicted).collect();
@@ -242,8 +247,8 @@ impl<'a> Beside<'a> {
         Ok(comparison)
     }
 
-    /// Finds what has changed, of touches that contradict the field; `again` are their sums beside the touches that they
-    /// repeat, if they contradict these.
+    /// Finds the change, for touches that contradict the field. `again` are the sums of their differences from the
+    /// touches that they repeat, if they contradict these.
     fn explain(
         &self,
         comparison: &mut Comparison,
@@ -264,8 +269,8 @@ impl<'a> Beside<'a> {
         Ok(())
     }
 
-    /// The best factor of the field's torques, or if `repeat` of those of then, in the touches that contradict them, and the
-    /// squared error of all touches, whose sums are given, that is left with it.
+    /// The best factor on the field's torques (if `repeat`, on the earlier torques) in the touches that contradict
+    /// them, and the remaining squared error of all touches. `sums` are those of all touches.
     fn scaled(&self, touches: &[usize], repeat: bool, sums: &Sums) -> (f64, f64) {
         let frames = |touch: &usize| match (repeat, &self.repeated[*touch]) {
             (true, repeated) => Some(&repeated.as_ref()?.frames),
@@ -274,7 +279,7 @@ impl<'a> Beside<'a> {
         let of = |frames: &[&Vec<PredictedFrame>]| {
             Sums::of(frames.iter().copied().flatten(), sums.of_frame)
         };
-        // What is softer in one place leaves touches elsewhere as they were.
+        // An object that is softer in one place is unchanged for touches elsewhere.
         let contradicts = |own: &&Vec<PredictedFrame>| match repeat {
             true => of(&[*own]).differs() > REPEATS,
             false => self.contradiction(&[*own]) > 1.0,
@@ -286,8 +291,8 @@ impl<'a> Beside<'a> {
         (factor, left + sums.error - own.error)
     }
 
-    /// The motion that explains touches best, or by how much they differ from those that they repeat, and the squared error
-    /// that is left with it.
+    /// The motion that explains the touches best (if `repeat`, their differences from those that they repeat), and the
+    /// remaining squared error.
     fn moved(
         &self,
         touches: &[usize],
@@ -306,14 +311,14 @@ impl<'a> Beside<'a> {
         Ok((motion, of(motion)))
     }
 
-    /// The frames of a touch in contact; if `repeat`, of a touch that repeats another.
+    /// The frames of a touch in contact; if `repeat`, none of a touch that repeats no other.
     fn frames(&self, touch: usize, repeat: bool) -> impl Iterator<Item = &TrackedFrame> {
         let counts = !repeat || self.repeated[touch].is_some();
         self.tracked.touches[touch].in_contact().filter(move |_| counts)
     }
 
-    /// The torques that the field of the moved object should predict for these frames: the measured ones; or these without
-    /// what the field did not predict of the frames that they repeat.
+    /// The torques that the field of the moved object should predict for these frames: the measured ones; if `repeat`,
+    /// minus the residual of the field in the earlier frames that they repeat.
     fn wanted(&self, touch: usize, repeat: bool, motion: Motion) -> Vec<Wanted<'_>> {
         let frames = self.frames(touch, repeat).map(|frame| &frame.observation);
         match self.repeated[touch].as_ref().filter(|_| repeat) {
@@ -322,7 +327,7 @@ impl<'a> Beside<'a> {
         }
     }
 
-    /// The misfit of touches, their geometric mean, over that which would contradict the field.
+    /// Geometric mean of the touches' misfits over its limit; the larger one of the two kinds.
     fn contradiction(&self, touches: &[&Vec<PredictedFrame>]) -> f64 {
         let misfits: Vec<[f64; 2]> =
             touches.iter().filter_map(|touch| misfit(self.calibration, touch)).collect();
@@ -333,8 +338,8 @@ impl<'a> Beside<'a> {
         if misfits.is_empty() { 0.0 } else { f64::max(of(0), of(1)) }
     }
 
-    /// The misfit of a kind that one in eighty groups of so many unchanged touches passes, if its logarithm is normal: a
-    /// prediction limit from the held-out touches.
+    /// Limit of the mean misfit of a kind: one in eighty groups of this many unchanged touches exceeds it, if
+    /// logarithms of misfits are normally distributed (a prediction limit from the held-out touches).
     fn limit(&self, kind: usize, touches: usize) -> f64 {
         let logs = self.calibration.misfits.iter().map(|own| own[kind].max(LEAST_MISFIT).ln());
         let logs: Vec<f64> = logs.collect();
@@ -377,6 +382,7 @@ impl<'a> Beside<'a> {
 struct Sums {
     /// The noise of one frame.
     of_frame: f64,
+    // Sums of measured², predicted², measured · predicted, (measured − predicted)², and noise.
     measured: f64,
     predicted: f64,
     both: f64,
@@ -399,19 +405,20 @@ impl Sums {
         sums
     }
 
-    /// The best factor of the prediction, at least 0, and what it leaves.
+    /// The best factor on the prediction, at least 0, and the remaining squared error.
     fn scaled(&self) -> (f64, f64) {
         let factor = if self.predicted > 0.0 { (self.both / self.predicted).max(0.0) } else { 1.0 };
         (factor, self.measured - factor * (2.0 * self.both - factor * self.predicted))
     }
 
-    /// The root of a sum over that of the measured torques.
+    /// Root of a squared error over the sum of the squared measured torques.
     fn relative(&self, error: f64) -> Option<f64> {
         (self.measured > 0.0).then(|| (error.max(0.0) / self.measured).sqrt())
     }
 
-    /// What explains an error that is not chance: a motion that leaves little enough; a factor that does, if most was known; or
-    /// neither. Where touches are repeated, a factor that leaves next to nothing comes first.
+    /// The change that explains a contradiction: a motion whose residual is small enough; otherwise a factor whose
+    /// residual is, if most contacts are known; otherwise neither. For repeated touches, an exact factor is preferred
+    /// to a motion. `moved` and `scaled` are the squared errors that remain with the motion and the factor.
     fn change(
         &self,
         (motion, moved): (Motion, f64),
@@ -420,7 +427,7 @@ impl Sums {
     ) -> Change {
         let error = self.beyond(self.error);
         let (moved, scaled) = (self.beyond(moved), self.beyond(scaled));
-        // Of the noise, half is that of the touches now, if they repeat others.
+        // For repeated touches, half of the noise is that of the new touches.
         let torque = self.measured - self.noise * if repeats { 0.5 } else { 1.0 };
         let [of_error, of_torque] = EXACTLY;
         let is_exact =
@@ -441,7 +448,8 @@ impl Sums {
         }
     }
 
-    /// The error beyond noise over the torque, or over the noise where that is larger; 0 of an error that may be noise.
+    /// Relative difference: root of the squared error beyond noise over the squared predicted torque, which counts as
+    /// at least the noise over [`REPEATS`]²; 0 if the error may be noise.
     fn differs(&self) -> f64 {
         let beyond = self.error - NOISE * self.noise;
         if beyond > 0.0 {
@@ -451,14 +459,14 @@ impl Sums {
         }
     }
 
-    /// What of a squared error is not noise.
+    /// The part of a squared error beyond noise, at least a twentieth of the noise.
     fn beyond(&self, error: f64) -> f64 {
         (error - self.noise).max(0.05 * self.noise)
     }
 }
 
-/// The quantile of Student's t that one in eighty is above, by the expansion of Abramowitz and Stegun (26.7.5); 6 % too
-/// small for two degrees of freedom, within 2 % from three on.
+/// The quantile of Student's t that one in eighty values exceeds, by the expansion of Abramowitz and Stegun (26.7.5).
+/// It is 6 % too small for two degrees of freedom, and within 2 % from three on.
 fn student(freedom: f64) -> f64 {
     let z: f64 = 2.241_403;
     let terms = [

@@ -1,10 +1,10 @@
-//! A field whose object was moved over the ground and turned about the vertical, and the motion that explains touches
-//! best. It may sink or rise a little: a touch from one side hardly distinguishes down from back.
+//! Estimates how an object was moved since its field was learnt: shifted on the ground and turned about the vertical.
+//! A small shift up or down is allowed too, since a touch from one side hardly distinguishes down from back.
 //!
-//! What an arm displaces depends on its own motion alone, so a motion of the object changes only which stiffness the
-//! touched cells have: that of the field at the place where they were, by linear interpolation between cells. So a
-//! motion costs a sum over contacts. The search tries a grid and refines the best of it along the axes, step by step
-//! halved.
+//! Contacts depend on the motion of the arm alone, so a motion of the object changes only the stiffness of the touched
+//! cells: it is that of the field where they were before the motion, by linear interpolation between cells. So trying a
+//! motion costs one sum over the contacts. The search evaluates a grid, and refines its best motions along the axes
+//! with steps that are halved again and again.
 
 use nalgebra::{DVector, Point3, Rotation2, Vector2, Vector3};
 use palpate::unstable::{CellRows, Observation, Stiffness};
@@ -15,12 +15,12 @@ use serde::{Deserialize, Serialize};
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::tracked::Tracked;
 
-/// The longest shift that is found, m, and the largest turn, rad.
+/// Limits of the search: horizontal shift, m, and turn, rad.
 const FARTHEST_M: f64 = 0.06;
 const LARGEST_TURN: f64 = 0.3;
-/// The most by which it sinks or rises, m.
+/// Limit of the vertical shift, m, up and down.
 const HIGHEST_M: f64 = 0.02;
-/// Steps of the grid, either way of 0, and how many of its motions are refined, how often.
+/// Grid steps on each side of 0, number of grid points that are refined, and how often their steps are halved.
 const GRID: i32 = 2;
 const REFINED: usize = 4;
 const HALVINGS: usize = 5;
@@ -28,22 +28,22 @@ const HALVINGS: usize = 5;
 /// A motion of an object: turned about the vertical through a point, then shifted.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Motion {
-    /// m, world frame.
+    /// Shift, m, world frame.
     pub shift_m: [f64; 3],
-    /// About z, rad.
+    /// Turn about z, rad.
     pub turn_rad: f64,
-    /// The point that the turn leaves where it is, x and y, m, world frame.
+    /// Centre of the turn, x and y, m, world frame.
     pub about_m: [f64; 2],
 }
 
 impl Motion {
-    /// Whether it lies on the border of the search, so that it may be longer.
+    /// Whether the motion is at the limit of the search, so that the true one may be larger.
     pub fn is_least(&self) -> bool {
         let [x, y, _] = self.shift_m;
         x.hypot(y) > 0.97 * FARTHEST_M || self.turn_rad.abs() > 0.97 * LARGEST_TURN
     }
 
-    /// Where a point was before.
+    /// Where a point of the object was before the motion.
     pub(super) fn back(&self, point: &Point3<f64>) -> Point3<f64> {
         let about = Vector2::from(self.about_m);
         let point = point - Vector3::from(self.shift_m);
@@ -51,7 +51,7 @@ impl Motion {
         Point3::new(before.x, before.y, point.z)
     }
 
-    /// Where a point is afterwards.
+    /// Where a point of the object is after the motion.
     fn forth(&self, point: &Point3<f64>) -> Point3<f64> {
         let about = Vector2::from(self.about_m);
         let after = Rotation2::new(self.turn_rad) * (point.xy().coords - about) + about;
@@ -59,13 +59,13 @@ impl Motion {
     }
 }
 
-/// The stiffness of a field anywhere.
+/// Stiffness of a field at any point.
 pub(super) struct Sampler {
     rows: CellRows,
     /// By row, N/m.
     stiffness_n_per_m: Vec<f64>,
     untouched_n_per_m: f64,
-    /// Centre of the field's stiffness, x and y, m.
+    /// Mean position of the cells, weighted by stiffness, x and y, m.
     pub(super) centre_m: [f64; 2],
 }
 
@@ -85,7 +85,7 @@ impl Sampler {
         }
     }
 
-    /// K at a point, N/m, linear between cells.
+    /// Stiffness at a point, N/m, interpolated linearly between cells.
     fn at(&self, point: &Point3<f64>) -> f64 {
         let k = |cell: CellId| match self.rows.find(cell) {
             Some(row) => self.stiffness_n_per_m[row as usize],
@@ -95,7 +95,7 @@ impl Sampler {
     }
 }
 
-/// The cells around a point, with their shares of it; none outside of the lattice.
+/// The up to eight cells around a point, with their weights of linear interpolation; none outside of the lattice.
 fn corners(lattice: &Lattice, point: &Point3<f64>) -> impl Iterator<Item = (CellId, f64)> {
     let place = (point - lattice.origin_m()) / lattice.spacing_m();
     let shape = lattice.shape();
@@ -118,10 +118,10 @@ fn corners(lattice: &Lattice, point: &Point3<f64>) -> impl Iterator<Item = (Cell
     (0..8).filter_map(cell).map(move |(place, share)| (lattice.cell(place), share))
 }
 
-/// The contacts of a frame, and the torque that the field should predict there, n_joints, N·m.
+/// The contacts of a frame, and the torque that the moved field should predict there, n_joints, N·m.
 pub(super) type Wanted<'a> = (&'a Observation, DVector<f64>);
 
-/// Squared error of frames, summed, if the object was moved, (N·m)².
+/// Sum of the squared errors of frames under a motion of the object, (N·m)².
 pub(super) fn error(
     tracked: &Tracked,
     frames: &[Wanted<'_>],
@@ -140,7 +140,7 @@ pub(super) fn error(
     frames.iter().map(of).sum()
 }
 
-/// The motion of the smallest squared error, (N·m)², which `of` gives; turns are about a point, x and y, m.
+/// The motion with the smallest squared error, (N·m)², given by `of`. `about_m` is the centre of turns, x and y, m.
 ///
 /// # Errors
 ///
@@ -180,7 +180,7 @@ fn can_be([x, y, z, turn]: [f64; 4]) -> bool {
         && turn.abs() <= LARGEST_TURN * slack
 }
 
-/// Goes along the axes while that makes the error smaller, with steps that are halved.
+/// Steps along the axes while this reduces the error, with steps that are halved [`HALVINGS`] times.
 fn refine(
     (mut at, mut least): ([f64; 4], f64),
     mut steps: [f64; 4],
@@ -207,7 +207,7 @@ fn refine(
 }
 
 /// The field of the object after a motion: stiffness and standard deviation by linear interpolation between cells. Cells
-/// that lie less than half among known ones are left out.
+/// with less than half of their interpolation weight on known cells are left out.
 pub fn moved(field: &Field, motion: Motion) -> Field {
     let rows = CellRows::of(field.lattice.clone(), &field.cells);
     let mut cells: Vec<CellId> = (field.cells.iter())

@@ -1,16 +1,16 @@
-//! Touches that go along the path of one that the field has learnt: the torque measured then is the best prediction of that
-//! now, however well the field predicts.
+//! Touches that repeat the path of a learnt touch: the earlier measured torque is then the best prediction, however
+//! well the field predicts.
 //!
-//! A frame of the new touch is matched with one of the old, in the same order, so that the links are as close together as
-//! can be. Where the paths differ a little, the field says by how much the torque does:
+//! Each frame of the new touch is matched with one of the earlier touch, in the same order, so that the sum of the
+//! distances between the links is smallest. Where the paths differ a little, the field corrects the torque:
 //!
 //! ```text
 //! expected = τ then + τ̂ now − τ̂ then
 //! ```
 //!
-//! If the object was moved in between, the arm meets it at another place of the path. So to test a motion, frames are matched
-//! by where the arm is relative to the object: the contact point is as close as can be to where it was then. τ̂ now is that of
-//! the moved field.
+//! If the object was moved in between, the arm meets it at another place of the path. So to test a motion, frames are
+//! matched by the position of the arm relative to the object: the contact point is as close as possible to the earlier
+//! one. τ̂ now is that of the moved field.
 
 use nalgebra::{DVector, Isometry3, Point3, Vector3};
 use palpate::{Arm, Field};
@@ -25,7 +25,7 @@ use super::moved::Motion;
 /// The touches that a field has learnt.
 pub(super) struct Learnt {
     touches: Vec<LearntTouch>,
-    /// How far apart the links may be for a frame to be the same, m.
+    /// Largest distance between the links of matched frames that counts as the same pose, m.
     close_m: f64,
 }
 
@@ -33,21 +33,21 @@ struct LearntTouch {
     name: String,
     contact: ContactPoint,
     poses: Vec<Vec<Isometry3<f64>>>,
-    /// τ − τ̂ of each pose, n_joints, N·m.
+    /// Residual τ − τ̂ of the field at each pose, n_joints, N·m.
     beyond: Vec<DVector<f64>>,
 }
 
-/// Where the arm touches the object, as a point of a link.
+/// The point of a link that touches the object.
 struct ContactPoint {
-    /// The link's number.
+    /// Index of the link.
     link: usize,
-    /// m, the link's frame.
+    /// Position, m, link frame.
     point: Point3<f64>,
 }
 
 impl ContactPoint {
-    /// In the frame of the largest torque: the centre of the touched cells, weighted by their stiffness, and the link
-    /// nearest to it. `None` of a touch without contact.
+    /// The contact point in the frame with the largest torque: the mean of the touched cells, weighted by their
+    /// stiffness, on the link nearest to it. `None` without contact.
     fn of(arm: &Arm, touch: &TrackedTouch, tracked: &Tracked, rows: &FieldRows) -> Option<Self> {
         let torque = |frame: &TrackedFrame| frame.observation.tau().norm();
         let most = touch.in_contact().max_by(|a, b| torque(a).total_cmp(&torque(b)))?;
@@ -76,11 +76,11 @@ impl ContactPoint {
 /// A touch that repeats another.
 pub(super) struct Repeated<'a> {
     learnt: &'a LearntTouch,
-    /// Its frames in contact, with what is expected in place of what the field predicts.
+    /// Its frames in contact; `torque` is the expected torque instead of the field's prediction.
     pub(super) frames: Vec<PredictedFrame>,
-    /// Every how many of them are matched.
+    /// Every n-th of these frames is matched; this is n.
     every: usize,
-    /// Where the contact point is in these, and where it was in the frames of then, m, world frame.
+    /// Positions of the contact point in the matched frames, and in the frames of the earlier touch, m, world frame.
     places: [Vec<Point3<f64>>; 2],
 }
 
@@ -90,8 +90,8 @@ impl Repeated<'_> {
         &self.learnt.name
     }
 
-    /// For each frame the torque, n_joints, N·m, that a field should predict, were the object moved: the measured one
-    /// without what the field did not predict then.
+    /// For each frame, the torque that the moved field should predict, n_joints, N·m: the measured torque minus the
+    /// field's residual in the earlier frame at the same place of the object.
     pub(super) fn wanted(&self, motion: Motion) -> impl Iterator<Item = DVector<f64>> {
         let [now, then] = &self.places;
         let apart_m = |now: &Point3<f64>| {
@@ -106,15 +106,15 @@ impl Repeated<'_> {
     }
 }
 
-/// Frames of a touch that are matched, about.
+/// Most frames of a touch that are matched.
 const MATCHED: usize = 150;
-/// The share of them that must be close.
+/// Smallest share of matched frames that must be close for a touch to be a repetition.
 const CLOSE: f64 = 0.9;
 /// Weight of a cell without stiffness in the contact point, N/m.
 const LEAST_STIFFNESS_N_PER_M: f64 = 1e-6;
 
 impl Learnt {
-    /// Touches tracked under the lattice and contact model of the field that has learnt them.
+    /// `tracked` are the learnt touches, under the lattice and contact model of the field.
     pub(super) fn new(
         arm: &Arm,
         tracked: &Tracked,
@@ -139,8 +139,8 @@ impl Learnt {
         Self { touches, close_m: field.lattice.spacing_m() }
     }
 
-    /// The learnt touch along whose path a touch goes where it is in contact, if there is one; `predicted` is what the
-    /// field says of these frames.
+    /// Finds the learnt touch whose path a touch repeats while in contact; `predicted` are the field's predictions for
+    /// its frames in contact.
     pub(super) fn repeated(
         &self,
         arm: &Arm,
@@ -183,7 +183,7 @@ impl Learnt {
     }
 }
 
-/// Every how many frames are matched.
+/// The n of matching every n-th frame.
 fn every(frames: usize) -> usize {
     frames.div_ceil(MATCHED).max(1)
 }
@@ -192,12 +192,12 @@ fn poses(arm: &Arm, q: &[f64]) -> Vec<Isometry3<f64>> {
     arm.robot.forward(q).expect("it was tracked").world_from_link
 }
 
-/// For each frame of a path the frame of another that it is matched with, and how far apart they are, m: the later
-/// the one, the later the other, and as close together as can be in sum. `apart_m` holds how far each frame is from
-/// each of the other path. Empty if either is.
+/// Matches the frames of two paths in monotonic order with the smallest sum of distances, by dynamic programming.
+/// Returns for each frame of the first path the matched frame of the second, and their distance, m. `apart_m` are the
+/// distances from each frame of the first path to each of the second. Empty if a path is empty.
 fn matched(apart_m: &[Vec<f64>]) -> Vec<(usize, f64)> {
     let frames_then = apart_m.first().map_or(0, Vec::len);
-    // The least sum up to each pair, and the pair before it.
+    // The least sum of distances up to each pair, and the pair before it.
     let mut least = vec![0.0; frames_then];
     let mut before: Vec<Vec<usize>> = Vec::with_capacity(apart_m.len());
     for row in apart_m {

@@ -10,7 +10,7 @@ use super::simulated::{BodyTorques, Settled};
 use crate::error::{LearnError, Stop};
 use crate::tracked::{Touch, Tracked};
 
-/// Learns an object's elastic body from touches. What was simulated is kept for the next ones.
+/// Learns an object's elastic body from touches. Simulated torques are kept, so that only new touches are simulated.
 #[derive(Debug, Clone)]
 pub struct BodyLearner {
     arm: Arc<Arm>,
@@ -20,7 +20,7 @@ pub struct BodyLearner {
 }
 
 impl BodyLearner {
-    /// A learner of what one of these bodies is, the most likely first, from no touch.
+    /// A learner without touches. `bodies` are alternatives for the same object, the most likely first.
     ///
     /// # Panics
     ///
@@ -30,25 +30,25 @@ impl BodyLearner {
         Self { arm: Arc::clone(arm), config: config.clone(), touches: Vec::new(), torques }
     }
 
-    /// The touches that were learnt.
+    /// Number of learnt touches.
     pub fn n_touches(&self) -> usize {
         self.touches.len()
     }
 
-    /// How often the bodies came to rest.
+    /// How often the simulation of the bodies converged.
     pub fn settled(&self) -> Settled {
         self.torques.settled
     }
 
-    /// Learns more touches, and returns the body that explains all touches so far. After an error it is as
+    /// Learns more touches, and returns the body that explains all touches so far. After an error the learner is as
     /// before.
     ///
     /// `step` is called after each simulated touch, from any thread: [`super::steps`] times for the new
-    /// touches, and again for older ones if another contact than before explains all best.
+    /// touches, and again for older ones if the best contact has changed.
     ///
     /// # Errors
     ///
-    /// Names the first touch, and its sample, that cannot be used.
+    /// Names the first touch and sample that cannot be used.
     pub fn learn(
         &mut self,
         more: impl IntoIterator<Item = Vec<Sample>>,
@@ -81,7 +81,7 @@ impl BodyLearner {
         model(&tracked, &all, &self.config, stop)
     }
 
-    /// Forgets the oldest touches, so that no more than so many are left.
+    /// Forgets all touches but the `newest` last ones.
     pub fn forget_all_but(&mut self, newest: usize) {
         let older = self.touches.len().saturating_sub(newest);
         self.touches.drain(..older);

@@ -1,22 +1,22 @@
 //! The estimator `elastic`: an elastic body, and a field for the torque that the body does not explain.
 //!
-//! The torque of an elastic body is in proportion to its stiffness: a touch is simulated once, and the
-//! factor of stiffness is fitted afterwards. Where several trees stand side by side, each has a factor of
-//! its own, drawn to the common one. Friction changes how the body moves, so every touch is
-//! simulated with each of a few kinds of contact ([`CONTACTS`]); the one that explains the training
-//! touches best is kept. Where a cloud can be read in several ways, the torques of its bodies are
-//! averaged, each with the weight of its error on the training touches to the power of -8.
-//! The remaining torque is learnt by `map`.
+//! The torque of an elastic body is proportional to its stiffness: a touch is simulated once, and the
+//! stiffness factor is fitted afterwards. If several trees stand side by side, each has its own factor,
+//! regularised towards the common one. Friction changes how the body moves, so every touch is
+//! simulated with each of a few contacts ([`CONTACTS`]); the one that explains the training touches
+//! best is kept. If a cloud allows several bodies, their torques are averaged, each with the weight
+//! error⁻⁸, where the error is that on the training touches. The residual torque is learnt by `map`.
 //!
-//! Field, body, and both are averaged, each with the weight of its error to the power of -4: how well it
-//! predicted the later training touches before they were learnt. So the result is not much worse than the
-//! best of them, also on a touch that is unlike those.
+//! The prediction is an average of three: of the field alone, of the body alone, and of the body with a
+//! field for its residual. The weight of each is error⁻⁴, where the error is that on the second half of
+//! the training touches, each predicted before it was learnt. So the result is not much worse than the
+//! best of the three, also on a touch that is unlike the training touches.
 //!
 //! | file        | does                                                                  |
 //! |-------------|-----------------------------------------------------------------------|
-//! | `learner`   | learns touches that come one by one                                    |
-//! | `simulated` | torques of the bodies along all touches, with each kind of contact     |
-//! | `stiffness` | contact and stiffness from training touches                            |
+//! | `learner`   | learns touches one by one                                              |
+//! | `simulated` | simulates the torques of the bodies along all touches, for each contact |
+//! | `stiffness` | fits contact and stiffness to training touches                         |
 
 mod learner;
 mod simulated;
@@ -37,7 +37,7 @@ pub(crate) use self::simulated::BodyTorques;
 pub use self::simulated::{CONTACTS, Settled, steps};
 pub use self::stiffness::Constants;
 
-/// How far each is believed; they add up to one.
+/// Weights of the three predictions; they sum to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Weights {
     /// The field alone.
@@ -49,7 +49,7 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// By the errors of field, body and both.
+    /// From the errors of field, body and both.
     fn of(errors: [f64; 3]) -> Self {
         let weights = errors.map(|error| f64::max(error, 1e-6).powi(-4));
         let [field, body, both] = weights.map(|weight| weight / weights.iter().sum::<f64>());
@@ -57,26 +57,27 @@ impl Weights {
     }
 }
 
-/// What a fold's training touches say of its test touches.
+/// Prediction of a fold's test touches.
 #[derive(Debug, Clone)]
 pub struct Predicted {
     /// Predicted torques of the test touches.
     pub torques: Torques,
-    /// Of the body.
+    /// Contact and stiffness of the body.
     pub constants: Constants,
-    /// What predicted them.
+    /// Weights of field, body and both in the prediction.
     pub weights: Weights,
 }
 
-/// A field that learns the residual of the body, and how well both predicted touches before they were
-/// learnt.
+/// A field that learns the residual of the body, and the error of both together on touches before
+/// they were learnt.
 struct Learner<'a> {
     body: &'a BodyTorques,
     tracked: &'a Tracked,
     config: &'a MapperConfig,
-    /// Nothing for the field alone.
+    /// `None` for the field alone, without a body.
     constants: Option<Constants>,
     estimator: Box<dyn Estimator>,
+    /// Sum over touches of the average relative error.
     error: f64,
 }
 
@@ -107,7 +108,7 @@ impl<'a> Learner<'a> {
         }
     }
 
-    /// Predicts a touch, if it `counts`, and learns it.
+    /// Learns a touch; if it `counts`, predicts it before and adds its error.
     fn learn(
         &mut self,
         place: usize,
@@ -137,7 +138,7 @@ impl<'a> Learner<'a> {
     }
 }
 
-/// Field and body, learnt from some touches.
+/// Field and body, learnt from touches.
 struct Lesson<'a> {
     field: Learner<'a>,
     both: Learner<'a>,
@@ -204,8 +205,8 @@ pub fn predict(
     Ok(Predicted { torques: fold.test.iter().map(frames).collect(), constants, weights })
 }
 
-/// Learns some touches, and returns the body. With the field of the same touches it predicts what [`predict`]
-/// does, since torques are linear in the stiffness of body and springs. Without touches, the body has the
+/// Learns touches, and returns the body. Together with a field of the same touches it gives the same prediction as
+/// [`predict`], since torques are linear in the stiffness of body and springs. Without touches, the body has the
 /// typical stiffness and contact of other plants.
 ///
 /// # Errors

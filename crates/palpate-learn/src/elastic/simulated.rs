@@ -1,4 +1,4 @@
-//! Torques of bodies that the arm bends in every touch, with each kind of contact.
+//! Simulated torques of elastic bodies along every touch, for each kind of contact.
 
 use std::sync::Arc;
 
@@ -14,49 +14,50 @@ use crate::tracked::{Touch, Tracked};
 /// ([`ElasticContactConfig::creep_s`]).
 pub const CONTACTS: [[f64; 2]; 6] =
     [[0.15, 0.0], [0.4, 0.0], [0.8, 0.0], [0.15, 1e-4], [0.4, 1e-4], [0.8, 1e-4]];
-/// n_joints × trees of the body, N·m at a stiffness factor of one, by touch and frame of [`Tracked`].
+/// Torques by touch and frame of [`Tracked`]: n_joints × trees of the body, N·m at a stiffness factor of 1.
 pub(super) type Simulated = Vec<Vec<DMatrix<f64>>>;
 
-/// Of [`CONTACTS`], that of an object that was not touched yet.
+/// Index in [`CONTACTS`] of the contact that is assumed before any touch.
 pub(super) const UNTOUCHED: usize = 4;
 
 /// Torque of an object's bodies along every touch.
 #[derive(Debug, Clone)]
 pub(crate) struct BodyTorques {
-    /// The bodies, the likeliest first.
+    /// The bodies, the most likely first.
     pub(super) bodies: Vec<Arc<ElasticBody>>,
-    /// By contact ([`CONTACTS`]) and body: of the first body with each contact, of the others with those that
-    /// may be chosen.
+    /// By contact ([`CONTACTS`]) and body. The first body is simulated with each contact, the others only
+    /// with those that training touches choose.
     simulated: Vec<Vec<Simulated>>,
-    /// Samples, all contacts counted, and those in which the body did not come to rest.
+    /// Convergence of the simulations so far.
     pub(crate) settled: Settled,
 }
 
-/// How often the body came to rest.
+/// How often the simulation of a body converged to rest.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Settled {
-    /// Samples, each with every contact.
+    /// Simulated samples; a sample counts once for each contact and body.
     pub samples: u64,
-    /// Those in which the iterations were used up before the body was at rest: its torque is that of the
-    /// last iteration.
+    /// Samples in which the most iterations were reached before the body was at rest; their torque is that
+    /// of the last iteration.
     pub unsettled: u64,
 }
 
-/// How many steps are counted while so many bodies are simulated along so many touches.
+/// Number of calls of `step` for the simulation of `bodies` along `touches`.
 pub fn steps(touches: usize, bodies: usize) -> usize {
     touches * (CONTACTS.len() + bodies.saturating_sub(1))
 }
 
 impl BodyTorques {
-    /// Of these bodies, along no touch.
+    /// These bodies, without touches.
     pub(crate) fn new(bodies: &[Arc<ElasticBody>]) -> Self {
         assert!(!bodies.is_empty(), "the caller gave a body");
         let simulated = vec![vec![Vec::new(); bodies.len()]; CONTACTS.len()];
         Self { bodies: bodies.to_vec(), simulated, settled: Settled::default() }
     }
 
-    /// Simulates the touches that are not yet, several at a time; the result does not depend on how many. The
-    /// contact is one that a set of `training` touches will choose. `step` is called [`steps`] times.
+    /// Simulates the touches that are new, in parallel; the result does not depend on the number of
+    /// threads. The first body is simulated with every contact, the others with those that a set of
+    /// `training` touches chooses. `step` is called [`steps`] times.
     pub(crate) fn extend(
         &mut self,
         arm: &Arc<Arm>,
@@ -82,7 +83,7 @@ impl BodyTorques {
         self.simulate(arm, (tracked, touches), &others, (stop, &step))
     }
 
-    /// Simulates what is missing of these contacts and bodies; `step` is called with the contact.
+    /// Simulates the missing touches of the wanted `[contact, body]` pairs; `step` is called with the contact.
     fn simulate(
         &mut self,
         arm: &Arc<Arm>,
@@ -114,24 +115,24 @@ impl BodyTorques {
         Ok(())
     }
 
-    /// Keeps so many touches from the first on.
+    /// Keeps only the first `touches` touches.
     pub(crate) fn truncate(&mut self, touches: usize) {
         self.simulated.iter_mut().flatten().for_each(|simulated| simulated.truncate(touches));
     }
 
-    /// Forgets touches from the first on.
+    /// Forgets the first `touches` touches.
     pub(crate) fn forget(&mut self, touches: usize) {
         for simulated in self.simulated.iter_mut().flatten() {
             simulated.drain(..touches.min(simulated.len()));
         }
     }
 
-    /// The torques of the first body with a contact.
+    /// The torques of the first body with this contact.
     pub(super) fn first(&self, contact: usize) -> &Simulated {
         &self.simulated[contact][0]
     }
 
-    /// The torques of the bodies with a contact that may be chosen, the first body first.
+    /// The torques of all bodies with this contact, which training touches must have chosen.
     pub(super) fn torques(&self, contact: usize) -> &[Simulated] {
         &self.simulated[contact]
     }
@@ -151,7 +152,7 @@ fn follow(
     for (sample, logged) in touch.samples.iter().enumerate() {
         unless_stopped(stop)?;
         if !downsampling.takes(logged) {
-            continue; // as no frame is learnt from
+            continue; // this sample becomes no frame
         }
         settled.samples += 1;
         let passed_s = logged.time_s.zip(before_s).map(|(now, before)| now - before);

@@ -1,4 +1,4 @@
-//! Contact and stiffness that explain the measured torques of some touches best.
+//! Fit of contact and stiffness to the measured torques of touches.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use palpate::unstable::{ElasticBody, ElasticVariant, limit_norm};
 use super::simulated::{BodyTorques, CONTACTS, Simulated, UNTOUCHED};
 use crate::tracked::Tracked;
 
-/// Factors of stiffness that are tried, from a tenth to ten.
+/// Number of stiffness factors that are tried, from 0.1 to 10.
 const FACTORS: usize = 81;
 /// Frames below this torque have no relative error, N·m.
 const TORQUE_FLOOR: f64 = 1.0;
@@ -17,13 +17,13 @@ const TORQUE_FLOOR: f64 = 1.0;
 /// the usual one in friction alone have half of it. On five simulated plants (seeds 50, 51, 54, 58, 60) it
 /// lowers the mean relative error after one touch by 0.005, and after nine by 0.007.
 const CONTACT_PENALTY: f64 = 0.1;
-/// Relative spread of the stiffness of trees about their common factor.
+/// Prior standard deviation of a tree's factor, relative to the common factor.
 const TREE_SPREAD: f64 = 1.0;
-/// Touches say nothing of a tree whose share of the squared torques is smaller than this.
+/// Touches do not determine the stiffness of a tree whose share of the squared torques is smaller than this.
 const LEAST_SHARE: f64 = 0.01;
 /// Effective number of independent frames in a touch.
 const FRAMES_THAT_DIFFER: f64 = 3.0;
-/// Least relative error of a body that is not overfitted.
+/// Smaller relative errors count as this in the noise, against overfitting.
 const BEST_ERROR: f64 = 0.2;
 /// The torque of the bodies is limited to this many times the largest torque of the training touches.
 const TORQUE_LIMIT: f64 = 2.0;
@@ -36,10 +36,10 @@ const UNTOUCHED_FACTOR: f64 = 0.6;
 /// does not change it after nine.
 const PRIOR_WEIGHT: f64 = 0.2;
 
-/// What the training touches say of a body.
+/// Contact and stiffness of an object's bodies, fitted to training touches.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Constants {
-    /// Which of [`CONTACTS`].
+    /// Index in [`CONTACTS`].
     contact: usize,
     /// By body.
     shares: Vec<Share>,
@@ -47,10 +47,10 @@ pub struct Constants {
     torque_limit_n_m: f64,
 }
 
-/// What the training touches say of one of several bodies.
+/// Weight and stiffness of one of several bodies.
 #[derive(Debug, Clone, PartialEq)]
 struct Share {
-    /// How far it is believed; they add up to one.
+    /// Weight of the body's torque; the weights of all bodies sum to 1.
     weight: f64,
     /// Factors on the stiffness of the springs, by tree.
     factors: DVector<f64>,
@@ -67,25 +67,25 @@ impl Constants {
         CONTACTS[self.contact][1]
     }
 
-    /// The norm to which the torque of the bodies is limited, N·m, if touches say which torques there are.
+    /// The norm to which the torque of the bodies is limited, N·m; `None` without touches.
     pub(super) fn torque_limit_n_m(&self) -> Option<f64> {
         self.torque_limit_n_m.is_finite().then_some(self.torque_limit_n_m)
     }
 
-    /// Factors on the stiffness of the springs of each tree, of the body that is believed most.
+    /// Factors on the stiffness of the springs of each tree, for the body with the largest weight.
     pub fn by_tree(&self) -> impl Iterator<Item = f64> {
         let most = self.shares.iter().rev().max_by(|a, b| a.weight.total_cmp(&b.weight));
         most.into_iter().flat_map(|share| share.factors.iter().copied())
     }
 
-    /// Factor on the stiffness of the springs, the mean of trees and bodies.
+    /// Mean factor on the stiffness of the springs, over trees and (weighted) bodies.
     pub fn stiffness_factor(&self) -> f64 {
         self.shares.iter().map(|share| share.weight * share.factors.mean()).sum()
     }
 }
 
 impl BodyTorques {
-    /// Torque in a frame, n_joints, N·m.
+    /// Torque of the bodies in a frame, n_joints, N·m.
     pub(super) fn torque(&self, constants: &Constants, touch: usize, frame: usize) -> DVector<f64> {
         let bodies = self.torques(constants.contact).iter().zip(&constants.shares);
         let torque: DVector<f64> = bodies
@@ -104,8 +104,8 @@ impl BodyTorques {
         self.bodies.iter().zip(&constants.shares).map(variant).collect()
     }
 
-    /// The contact with which the first body explains the measured torques of some touches best, penalty
-    /// included, and the sum of its errors.
+    /// The contact with which the first body explains the measured torques of these touches best, with
+    /// the penalty, and the sum of its relative errors without the penalty.
     pub(super) fn contact(&self, tracked: &Tracked, touches: &[usize]) -> (usize, f64) {
         let touches = &with_torque(tracked, touches)[..];
         if touches.is_empty() {
@@ -126,8 +126,8 @@ impl BodyTorques {
         best.expect("there are contacts")
     }
 
-    /// Contact and stiffness that explain the measured torques of some touches best: they have the least
-    /// mean over touches of the average relative error.
+    /// Contact and stiffness that explain the measured torques of these touches best: with the least
+    /// mean over touches of the average relative error, plus penalties.
     pub(super) fn constants(&self, tracked: &Tracked, touches: &[usize]) -> Constants {
         let touches = &with_torque(tracked, touches)[..];
         let (contact, _) = self.contact(tracked, touches);
@@ -146,7 +146,7 @@ impl BodyTorques {
     }
 }
 
-/// The touches with a frame of at least [`TORQUE_FLOOR`]: others say nothing of the stiffness.
+/// The touches with a frame of at least [`TORQUE_FLOOR`]; others do not determine the stiffness.
 pub(super) fn with_torque(tracked: &Tracked, touches: &[usize]) -> Vec<usize> {
     let has_torque = |touch: &&usize| {
         let frames = &tracked.touches[**touch].frames;
@@ -155,8 +155,8 @@ pub(super) fn with_torque(tracked: &Tracked, touches: &[usize]) -> Vec<usize> {
     touches.iter().filter(has_torque).copied().collect()
 }
 
-/// The factors of stiffness that explain the measured torques of some touches best, by tree, and the sum
-/// of the average relative errors.
+/// The stiffness factors by tree that explain the measured torques of these touches best, and the sum over
+/// touches of the average relative errors.
 fn factors(
     (torques, body): (&Simulated, &ElasticBody),
     tracked: &Tracked,
@@ -181,7 +181,7 @@ fn factors(
     let tried: Vec<_> = tried.collect();
     let best = tried.iter().min_by(|a, b| a.1.total_cmp(&b.1)).expect("there are factors");
     if best.0 == 0 || best.0 == FACTORS - 1 {
-        // The best factor lies outside of the range: this body is not the object.
+        // The best factor is at the end of the range: this body does not fit the object, so it gets no torque.
         let none = DVector::zeros(n_trees);
         let error = error(&none);
         return (none, error);
@@ -189,8 +189,8 @@ fn factors(
     let best = tried.into_iter().min_by(|a, b| a.2.total_cmp(&b.2)).expect("there are factors");
     let mut common = (best.3, best.1);
     if body.has_blocks() {
-        // What looks different may be of any stiffness: on a cushion of two materials (cushion_a), an error of
-        // 1.28 after a touch of the stiffer one becomes 0.42.
+        // A material that was not touched may have any stiffness, so it keeps the untouched factor: on a cushion of
+        // two materials (cushion_a), this lowers the error after a touch of the stiffer one from 1.28 to 0.42.
         let unmet = unmet(torques, touches, &common.0);
         let factors = common.0.iter_mut().zip(unmet);
         factors.filter(|(_, unmet)| *unmet).for_each(|(factor, _)| *factor = UNTOUCHED_FACTOR);
@@ -204,7 +204,7 @@ fn factors(
     if then < common.1 { (by_tree, then) } else { common }
 }
 
-/// By tree, whether some touches met so little of it that they say nothing of its stiffness.
+/// By tree, whether its share of the torques is too small to determine its stiffness ([`LEAST_SHARE`]).
 fn unmet(torques: &Simulated, touches: &[usize], factors: &DVector<f64>) -> Vec<bool> {
     let mut squares = DVector::<f64>::zeros(factors.len());
     for &touch in touches {
@@ -218,8 +218,8 @@ fn unmet(torques: &Simulated, touches: &[usize], factors: &DVector<f64>) -> Vec<
     squares.iter().map(|&square| square < least).collect()
 }
 
-/// Factors that differ from the common one as far as some touches speak for it: ridge regression on the
-/// relative error of their frames.
+/// Factors by tree, regularised towards the common ones: ridge regression on the relative error of the
+/// touches' frames.
 fn by_tree(
     torques: &Simulated,
     tracked: &Tracked,
@@ -245,7 +245,7 @@ fn by_tree(
             slope += by_tree.tr_mul(&off) * each;
         }
     }
-    // The residual gives the noise, and the noise the ridge, which changes the residual.
+    // A fixed point: the residual gives the noise, the noise gives the ridge, and the ridge changes the residual.
     let mut change = DVector::zeros(n);
     for _ in 0..3 {
         let residual = residual + change.dot(&(&curvature * &change - 2.0 * &slope));
@@ -257,7 +257,7 @@ fn by_tree(
     common.zip_map(&change, |common, change| common * (1.0 + change).clamp(0.1, 10.0))
 }
 
-/// The average relative error of a touch against what was measured; 0 if it has none.
+/// The average relative error of a touch against the measured torque; 0 if no frame reaches [`TORQUE_FLOOR`].
 pub(super) fn touch_error(
     tracked: &Tracked,
     touch: usize,

@@ -1,22 +1,22 @@
-//! A Gaussian process over features, written with a handful of numbers.
+//! A low-rank approximation of a Gaussian process over features.
 //!
-//! Its covariance `exp(−|x − x′|²/2ℓ²)` between any two seen points is, to a thousandth, `φ(x)·φ(x′)`
-//! with `φ(x) = L⁻¹ k(x)`, where k holds the covariances with some *pivots* and `L Lᵀ` is that of the
-//! pivots among themselves. A pivot is the point that the pivots so far say least about (pivoted
-//! Cholesky). So a stiffness over features is `φ(x)·w` with w of unit covariance, and whatever is
-//! linear in stiffness is linear in w.
+//! The covariance `exp(−|x − x′|²/2ℓ²)` between two seen points is, to a thousandth, `φ(x)·φ(x′)`
+//! with `φ(x) = L⁻¹ k(x)`, where k are the covariances with some *pivots* and `L Lᵀ` is the
+//! covariance matrix of the pivots. The next pivot is always the point with the largest variance
+//! given the pivots so far (pivoted Cholesky). So a stiffness over features is `φ(x)·w` with w of
+//! unit covariance, and whatever is linear in stiffness is linear in w.
 
 use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn};
 
-/// Pivots at most, and points that they are chosen from.
+/// Most pivots, and most points that they are chosen from.
 const PIVOTS: usize = 60;
 const CANDIDATES: usize = 4000;
-/// Variance that pivots may leave unexplained.
+/// No further pivot is chosen if the variance of every point given the pivots is below this.
 const UNEXPLAINED: f64 = 1e-3;
-/// Keeps L from dividing by nothing.
+/// Added to the diagonal, so that the factorisation succeeds.
 const JITTER: f64 = 1e-6;
 
-/// The pivots, and how they make φ.
+/// The pivots, and the Cholesky factor L that gives φ.
 pub(super) struct Basis {
     /// n_features × pivots.
     pivots: DMatrix<f64>,
@@ -25,7 +25,7 @@ pub(super) struct Basis {
 }
 
 impl Basis {
-    /// Chooses pivots among the points of some features, n_features × points.
+    /// Chooses pivots among points with these features, n_features × points.
     pub(super) fn new(features: &DMatrix<f64>, length_scale: f64) -> Self {
         let every = features.ncols().div_ceil(CANDIDATES).max(1);
         let candidates: Vec<usize> = (0..features.ncols()).step_by(every).collect();
@@ -58,7 +58,7 @@ impl Basis {
         Self { pivots, factor, length_scale }
     }
 
-    /// Numbers in φ.
+    /// Length of φ.
     pub(super) fn len(&self) -> usize {
         self.pivots.ncols()
     }

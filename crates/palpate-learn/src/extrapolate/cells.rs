@@ -1,7 +1,7 @@
-//! The stiffness of touched cells, as evidence about a stiffness over features.
+//! Evidence of the stiffness of touched cells about a stiffness over features.
 //!
-//! A cell that a single touch brushed says less than one that was pressed again and again: n frames
-//! count as much as `n/(n + 20)` of a cell that is known.
+//! A cell that was touched in n frames has the weight `n/(n + 20)`, so that a cell that was only
+//! brushed counts less than one that was pressed often.
 
 use std::collections::{HashMap, HashSet};
 
@@ -10,15 +10,16 @@ use palpate::{CellId, Field};
 use super::cloud::SeenCloud;
 use super::process::{Evidence, Process};
 
-/// Frames that make a cell half known.
+/// Number of frames that gives a cell a weight of ½.
 const HALF_KNOWN: f64 = 20.0;
 
-/// How much a cell counts that so many frames touched.
+/// Weight of a cell that was touched in this number of frames, 0 to 1.
 fn weight(frames: u32) -> f64 {
     f64::from(frames) / (f64::from(frames) + HALF_KNOWN)
 }
 
-/// The evidence of touched cells, given by their rows in the field, that lie at seen points.
+/// The evidence of those touched cells, given by their rows in the field, that have a seen point
+/// (`at`).
 pub(super) fn evidence(
     field: &Field,
     process: &Process,
@@ -40,8 +41,9 @@ pub(super) fn evidence(
     evidence
 }
 
-/// Of every seen point the mean stiffness of the touched cells to which it is the nearest, N/m, and
-/// their weight; else that of the touched cell in which it lies; `None` without such a cell.
+/// For every seen point, the mean stiffness of the touched cells whose nearest point it is, N/m,
+/// and their weight; otherwise that of the touched cell in which it lies; `None` without such a
+/// cell.
 pub(super) fn of_points(
     field: &Field,
     seen: &SeenCloud,

@@ -1,4 +1,4 @@
-//! A coloured cloud, and which cells of a field lie at it.
+//! A coloured point cloud, and the cells of a lattice near it.
 
 use std::collections::BTreeSet;
 use std::num::NonZero;
@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::error::ExtrapolateError;
 
-/// What a camera saw of the object: points of the world with their colours.
+/// A coloured point cloud of the object, in the world frame.
 pub struct SeenCloud {
     points_m: Vec<[f64; 3]>,
     colours: Vec<[u8; 3]>,
@@ -18,7 +18,7 @@ pub struct SeenCloud {
 }
 
 impl SeenCloud {
-    /// Points in the world frame, m, and the colour (sRGB) of each.
+    /// From points in the world frame, m, and the colour (sRGB) of each.
     ///
     /// # Errors
     ///
@@ -37,12 +37,12 @@ impl SeenCloud {
         Ok(Self { points_m, colours: colours.to_vec(), tree })
     }
 
-    /// Points.
+    /// Number of points.
     pub fn len(&self) -> usize {
         self.points_m.len()
     }
 
-    /// Never: there is at least one point.
+    /// Always false: there is at least one point.
     pub fn is_empty(&self) -> bool {
         self.points_m.is_empty()
     }
@@ -70,7 +70,7 @@ impl SeenCloud {
         found.iter().map(|neighbour| neighbour.item as usize).collect()
     }
 
-    /// For each place the seen point at it, if one is within reach.
+    /// For each place, the nearest seen point, if it is within reach.
     pub fn at(&self, places_m: &[[f64; 3]], reach_m: f64) -> Vec<Option<u32>> {
         places_m.par_iter().map(|place| self.nearest_within(place, reach_m)).collect()
     }
@@ -90,7 +90,7 @@ impl SeenCloud {
             let point = Point3::from(*point);
             lattice.places_within(&(point - reach), &(point + reach))
         };
-        // Points that lie close together have the same places about them.
+        // Points that are close together often have the same box of cells.
         let mut boxes: Vec<([u32; 3], [u32; 3])> =
             self.points_m.par_iter().map(places_about).collect();
         boxes.par_sort_unstable();
@@ -110,11 +110,11 @@ impl SeenCloud {
         cells.par_iter().filter_map(at).collect()
     }
 
-    /// Refuses a cloud that lies nowhere near what was touched.
+    /// Checks that at least one touched place is within reach of a seen point.
     ///
     /// # Errors
     ///
-    /// Says by how much they miss each other.
+    /// States the distance between cloud and touched places.
     pub(super) fn must_meet(
         &self,
         touched_m: &[[f64; 3]],
@@ -141,7 +141,7 @@ impl SeenCloud {
     }
 }
 
-/// The box around some points: its lowest and its highest corner, m.
+/// The bounding box of points: its lowest and its highest corner, m.
 fn bounds(points_m: &[[f64; 3]]) -> [[f64; 3]; 2] {
     let corner = |start: f64, pick: fn(f64, f64) -> f64| {
         [0, 1, 2].map(|axis| points_m.iter().map(|point| point[axis]).fold(start, pick))

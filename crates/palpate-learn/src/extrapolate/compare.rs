@@ -1,9 +1,9 @@
-//! What an extrapolated prior is worth: torques of touches that nothing has learnt from.
+//! Evaluation of an extrapolated prior by the predicted torques of held-out touches.
 //!
 //! Touches are halved at random. A field is learnt from one half, and with the cloud it is
-//! extrapolated to cells that this half did not touch. The other half is predicted without a prior,
-//! with the extrapolated stiffness in the cells that the field has not met, and by a field that is
-//! learnt again with it as its prior.
+//! extrapolated to cells that this half did not touch. The other half is predicted by the field
+//! without a prior, by the field with the extrapolated stiffness in untouched cells, and by a field
+//! that is learnt again with the extrapolated stiffness as its prior.
 
 use palpate::MapperConfig;
 use rand_chacha::ChaCha8Rng;
@@ -24,30 +24,30 @@ use crate::method;
 use crate::regression::shuffle;
 use crate::tracked::Tracked;
 
-/// Seed of the halves.
+/// Seed of the random halves.
 const SEED: u64 = 0;
 
-/// What is compared.
+/// Settings that are compared, and the number of random halves.
 #[derive(Debug, Clone)]
 pub struct Plan {
     /// The chosen settings, then those with other methods and features.
     pub variants: Vec<Config>,
-    /// Random halves.
+    /// Number of random divisions into halves.
     pub halves: u32,
 }
 
-/// Errors of one way to predict, by half: means over its test touches.
+/// Errors of one kind of prediction, by half: means over its test touches.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
-    /// How it was predicted.
+    /// Name of the kind of prediction.
     pub name: String,
     /// Average error, N·m, by half.
     pub avg_error: Vec<f64>,
-    /// Average relative error by half; not of a half whose touches never reach 1 N·m.
+    /// Average relative error by half, without halves whose touches never reach 1 N·m.
     pub avg_relative: Vec<f64>,
 }
 
-/// What can go wrong.
+/// Errors of the comparison.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
@@ -62,8 +62,8 @@ pub enum CompareError {
 }
 
 impl Plan {
-    /// The shipped comparison: every method with its features, and every set of features with the
-    /// first method.
+    /// The standard comparison: the chosen settings, then `torque` with every set of features, and
+    /// the two other methods.
     pub fn of(config: &Config) -> Self {
         let sets =
             ["chroma", "rgb", "oklab", "chroma+height", "chroma+shape", "chroma+height+shape"];
@@ -79,7 +79,7 @@ impl Plan {
         Self { variants, halves: 5 }
     }
 
-    /// The two methods that learn what features are worth, the configured one first.
+    /// `torque` and `cells`, the configured one first.
     pub fn methods(config: &Config) -> Self {
         let mut methods = vec![Method::Torque, Method::Cells];
         methods.sort_by_key(|&method| method != config.method);
@@ -87,7 +87,7 @@ impl Plan {
         Self { variants: methods.into_iter().map(variant).collect(), halves: 5 }
     }
 
-    /// The halves: of an odd number of touches, the smaller half is learnt from.
+    /// The folds; of an odd number of touches, the smaller half is learnt from.
     pub fn folds(&self, touches: usize) -> Vec<Fold> {
         let mut rng = ChaCha8Rng::seed_from_u64(SEED);
         let half = |_| {
@@ -104,8 +104,8 @@ impl Plan {
     ///
     /// # Errors
     ///
-    /// Without two touches, or on being stopped. Of a half that has touched nothing that is seen,
-    /// nothing is expected elsewhere.
+    /// With fewer than two touches, or on being stopped. A half whose touches are not near the
+    /// cloud is no error: its prior is that of untouched cells.
     pub fn run(
         &self,
         tracked: &Tracked,
@@ -154,7 +154,7 @@ impl Row {
 /// A method with its features, and the evidence of all touches.
 struct Variant<'a> {
     config: &'a Config,
-    /// Of the method `torque`.
+    /// Process and evidence of the touches; only for the method `torque`.
     torque: Option<(Process, Vec<Evidence>)>,
 }
 
@@ -169,19 +169,20 @@ impl<'a> Variant<'a> {
     }
 }
 
-/// One division of the touches at work.
+/// One division of the touches into halves.
 struct Half<'a> {
     tracked: &'a Tracked,
     seen: &'a SeenCloud,
-    /// By row the seen point at the cell.
+    /// By row, the seen point near the cell, if any.
     at: &'a [Option<u32>],
     mapper: &'a MapperConfig,
     fold: &'a Fold,
 }
 
 impl Half<'_> {
-    /// Errors of predicting zero, without prior, learnt again from the first variant, and of all
-    /// variants in the cells that were not met.
+    /// Errors of four kinds of prediction: zero; without a prior; learnt again with the first
+    /// variant as the prior; and, for each variant, with the extrapolated stiffness in untouched
+    /// cells.
     fn run(&self, variants: &[Variant<'_>], stop: Stop<'_>) -> Result<Vec<Summary>, CompareError> {
         let (tracked, train) = (self.tracked, &self.fold.train);
         let estimator = method::learn(tracked, train, self.mapper, &[], stop)?;
@@ -209,7 +210,8 @@ impl Half<'_> {
                 }
                 None => match extrapolate(self.seen, &field, None, variant.config) {
                     Ok(found) => found.stiffness_n_per_m,
-                    // This half has touched nothing that is seen: nothing is expected of the rest.
+                    // The touches of this half are not near the cloud, so there is no
+                    // extrapolation.
                     Err(
                         ExtrapolateError::NothingTouched
                         | ExtrapolateError::NoneTouched { .. }
@@ -236,7 +238,7 @@ impl Half<'_> {
         Ok(errors)
     }
 
-    /// Means over the test touches of the errors of a stiffness by row, under a name.
+    /// Errors of a stiffness by row, as means over the test touches.
     fn score(&self, name: &str, stiffness: impl Fn(usize) -> f64) -> Summary {
         let cells = self.tracked.with_stiffness(stiffness);
         let of = |&touch: &usize| {

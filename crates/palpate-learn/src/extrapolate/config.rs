@@ -6,21 +6,21 @@ use serde::Serialize;
 use super::error::ExtrapolateError;
 use super::features::Features;
 
-/// How stiffness is carried over.
+/// Method of the extrapolation.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
     /// A Gaussian process over features, learnt from torques.
     #[default]
     Torque,
-    /// The same, learnt from the stiffness of touched cells.
+    /// A Gaussian process over features, learnt from the stiffness of touched cells.
     Cells,
-    /// The paper's: the nearest neighbours among touched points.
+    /// The paper's method: the nearest neighbours among touched points.
     Knn,
 }
 
 impl Method {
-    /// As it is called in settings and tables.
+    /// The name of the method in settings and tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Torque => "torque",
@@ -36,23 +36,25 @@ pub const REACH_CELLS: [f64; 2] = [0.5, 4.0];
 /// Settings of the extrapolation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Config {
-    /// How stiffness is carried over.
+    /// The method.
     pub method: Method,
-    /// What points are compared by.
+    /// Features by which points are compared.
     pub features: Features,
-    /// A cell lies at a seen point that is no further away than so many cells.
+    /// Largest distance of a cell from a seen point at which the point gives its stiffness, in
+    /// cells.
     pub reach_cells: f64,
-    /// How far apart features must be to say nothing of each other, in standard deviations over the
-    /// cloud; `torque` and `cells`.
+    /// Length scale of the Gaussian process, in standard deviations of the features over the cloud;
+    /// used by `torque` and `cells`.
     pub length_scale: f64,
-    /// Standard deviation of K before anything is touched, N/m for a cell of 1 cm; it goes with the
+    /// Prior standard deviation of the stiffness, N/m for a cell of 1 cm; it is scaled with the
     /// volume of the cell.
     pub std_n_per_m: f64,
-    /// Noise of a touch's torques taken together, N·m; `torque`.
+    /// Torque noise of a touch, of which all frames together count as one, N·m; used by `torque`.
     pub torque_std: f64,
-    /// Neighbours, and how far apart in standard deviations they still count; `knn`.
+    /// Number of neighbours; used by `knn`.
     pub neighbours: u32,
-    /// See `neighbours`.
+    /// Length scale of the neighbours' RBF kernel, in standard deviations of the features; used by
+    /// `knn`.
     pub neighbour_scale: f64,
 }
 
@@ -95,12 +97,12 @@ impl Config {
         Ok(())
     }
 
-    /// How far a cell may be from the seen point that it lies at, m.
+    /// [`Config::reach_cells`] in m.
     pub fn reach_m(&self, lattice: &Lattice) -> f64 {
         self.reach_cells * lattice.spacing_m()
     }
 
-    /// Standard deviation of K of a cell of the lattice before anything is touched, N/m.
+    /// Prior standard deviation of the stiffness of a cell of this lattice, N/m.
     pub(super) fn prior_std(&self, lattice: &Lattice) -> f64 {
         self.std_n_per_m * (lattice.spacing_m() / 0.01).powi(3)
     }

@@ -1,6 +1,6 @@
-//! Why nothing can be extrapolated.
+//! Errors of the extrapolation.
 
-/// Why nothing could be carried over.
+/// Why stiffness could not be extrapolated.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
@@ -14,20 +14,20 @@ pub enum ExtrapolateError {
     /// A field without touched cells.
     #[error("the field holds no touched cell: there is nothing to carry over")]
     NothingTouched,
-    /// A cloud elsewhere.
+    /// The cloud is far from the touched cells.
     #[error(
         "the cloud and the touched cells miss each other by {gap_m:.3} m (along x, y, z by \
          {apart_m:.3?}): the cloud spans {cloud} m, the cells {field} m; is the cloud in the frame \
          of the robot's base, in metres, and is it the object that was touched?"
     )]
     Apart { gap_m: f64, apart_m: [f64; 3], cloud: String, field: String },
-    /// A cloud of what was not touched.
+    /// No touched cell is near a point of the cloud.
     #[error(
         "no touched cell lies at a point of the cloud: the nearest is {gap_m:.3} m away, further \
          than {reach_m:.3} m; touch what the camera sees, or widen the reach"
     )]
     NoneTouched { gap_m: f64, reach_m: f64 },
-    /// A field that forgot what it learnt from.
+    /// The method `torque` without remembered touches.
     #[error(
         "the method `torque` learns from torques, and there is no touch to take them from; use \
          `cells` or `knn`, or a field that was saved with its memory"

@@ -1,4 +1,4 @@
-//! Carries the stiffness of a field over to a cloud.
+//! Extrapolates the stiffness of a field to a cloud.
 
 use palpate::{CellId, Field, Lattice};
 
@@ -12,17 +12,17 @@ use crate::tracked::Tracked;
 /// A stiffness for every seen point.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Extrapolation {
-    /// K of a cell at each point, N/m, at least 0.
+    /// Stiffness of a cell at each point, N/m, at least 0.
     pub stiffness_n_per_m: Vec<f64>,
-    /// Its standard deviation, N/m: of the regression over features, not of single points.
+    /// Standard deviation of the regression over features, N/m, without the variation between points of equal features.
     pub std_n_per_m: Vec<f64>,
-    /// Whether the cell that the point lies in was touched.
+    /// Whether the cell of each point was touched.
     pub touched: Vec<bool>,
 }
 
-/// Carries the stiffness of a field over to all that was seen.
+/// Extrapolates the stiffness of a field to all seen points.
 ///
-/// `tracked` holds the touches that the field was learnt from, which the method `torque` needs.
+/// `tracked` are the touches that the field was learnt from; only the method `torque` needs them.
 ///
 /// # Errors
 ///
@@ -46,7 +46,7 @@ pub fn extrapolate(
                 tracked.touches.iter().any(|touch| touch.frames_in_contact() > 0)
             };
             let tracked = tracked.filter(has_contact).ok_or(ExtrapolateError::NoTorques)?;
-            // A field may know more than the touches that it still remembers.
+            // The field may have cells of touches that it no longer remembers.
             seen.must_meet(&tracked.points_m, reach_m)?;
             let process = Process::new(features, config.length_scale);
             let at = seen.at(&tracked.points_m, reach_m);
@@ -72,7 +72,7 @@ pub fn extrapolate(
     Ok(Extrapolation { stiffness_n_per_m, std_n_per_m, touched })
 }
 
-/// The rows of a field that were touched, and their points.
+/// The touched rows of a field, and their rest points, m.
 fn touched_cells(field: &Field) -> (Vec<usize>, Vec<[f64; 3]>) {
     let touched = |row: &usize| field.counts[*row] > 0;
     let rows: Vec<usize> = (0..field.cells.len()).filter(touched).collect();
@@ -81,8 +81,8 @@ fn touched_cells(field: &Field) -> (Vec<usize>, Vec<[f64; 3]>) {
 }
 
 impl Extrapolation {
-    /// What cells of a lattice are expected to be: those at seen points, in the lattice's order, each
-    /// with the stiffness of the point nearest to it, N/m.
+    /// Prior means for the cells of a lattice that are near seen points, in the lattice's order: each
+    /// has the stiffness of the nearest point, N/m.
     pub fn cells(
         &self,
         seen: &SeenCloud,

@@ -1,7 +1,7 @@
-//! What distinguishes one seen point from another: its colour, its height, the shape about it.
+//! Features of seen points: colour, height, and the shape of their surroundings.
 //!
 //! Light falls unevenly on a plant, so that one leaf has many brightnesses. [`Colour::Chroma`]
-//! leaves brightness out: it is what part of the light is red and what part green, which stays when
+//! leaves brightness out: it is the shares of red and green in the light, which do not change when
 //! the light is halved.
 
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3, matrix};
@@ -10,19 +10,19 @@ use serde::Serialize;
 
 use super::cloud::SeenCloud;
 
-/// Points about a point that determine its shape.
+/// Number of neighbours from which the shape at a point is computed.
 const ABOUT: usize = 30;
 
-/// How a colour becomes numbers.
+/// The colour features of a point.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub enum Colour {
-    /// Not at all.
+    /// No colour.
     None,
-    /// Red, green and blue as the picture has them (the paper's).
+    /// Red, green and blue of the picture (as in the paper).
     Rgb,
-    /// Lightness and two opponent colours that are even to the eye (Oklab).
+    /// Lightness and two opponent colours of the perceptually uniform colour space Oklab.
     Oklab,
-    /// The parts of red and green in the sum of all three: no brightness.
+    /// The shares of red and green in the sum of all three, without brightness.
     #[default]
     Chroma,
 }
@@ -31,7 +31,7 @@ pub enum Colour {
 const COLOURS: [(&str, Colour); 3] =
     [("rgb", Colour::Rgb), ("oklab", Colour::Oklab), ("chroma", Colour::Chroma)];
 
-/// What regression may look at.
+/// The features on which a regression is done.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize)]
 #[serde(into = "String")]
 pub struct Features {
@@ -39,7 +39,7 @@ pub struct Features {
     pub colour: Colour,
     /// Its height above the robot's base.
     pub height: bool,
-    /// Linearity and planarity of the points about it, and how far their normal points upwards.
+    /// Linearity and planarity of the points around it, and the vertical part of their normal.
     pub shape: bool,
 }
 
@@ -84,8 +84,8 @@ impl std::str::FromStr for Features {
 }
 
 impl Features {
-    /// The features of every seen point, n_features × points, each of mean 0 and deviation 1 over
-    /// the cloud; one that is the same everywhere is 0.
+    /// The features of every seen point, n_features × points, each standardised to mean 0 and
+    /// standard deviation 1 over the cloud; a constant feature is 0.
     pub(super) fn of(self, seen: &SeenCloud) -> DMatrix<f64> {
         let shapes: Vec<[f64; 3]> = if self.shape {
             seen.points_m().par_iter().map(|point| shape(seen, point)).collect()
@@ -117,8 +117,8 @@ impl Features {
     }
 }
 
-/// The parts of red and green in the light. One is added to each, so that black is grey and the
-/// rounding of dark colours is no colour.
+/// The shares of red and green. One is added to each value, so that black counts as grey and the
+/// rounding of dark colours has little effect.
 fn chroma(colour: [u8; 3]) -> [f64; 2] {
     let [red, green, blue] = colour.map(|part| f64::from(part) + 1.0);
     let sum = red + green + blue;
@@ -144,8 +144,8 @@ fn oklab(colour: [u8; 3]) -> [f64; 3] {
     opponents.into()
 }
 
-/// Linearity `(σ₁ − σ₂)/σ₁` and planarity `(σ₂ − σ₃)/σ₁` of the points about a place, σ being
-/// their deviations along their main axes, and the upward part of the third axis.
+/// Linearity `(σ₁ − σ₂)/σ₁` and planarity `(σ₂ − σ₃)/σ₁` of the points around a place, where σ are
+/// their standard deviations along the principal axes, and the vertical part of the third axis.
 fn shape(seen: &SeenCloud, place_m: &[f64; 3]) -> [f64; 3] {
     let about = seen.neighbours(place_m, ABOUT);
     let points: Vec<Point3<f64>> = about.iter().map(|&at| seen.points_m()[at].into()).collect();

@@ -1,5 +1,6 @@
-//! The paper's regression (Sec. III-B): touched points take the stiffness of the touched cells about
-//! them, all others the mean of the touched points that look most alike, weighted by an RBF kernel.
+//! The paper's regression (Sec. III-B): touched points get the stiffness of the touched cells around
+//! them, all others the mean of the touched points with the most similar features, weighted by an
+//! RBF kernel.
 
 use std::num::NonZero;
 
@@ -7,13 +8,13 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-/// Features that fit in a search: three of a colour, one of height, three of shape.
+/// Dimension of the search: three features of a colour, one of height, three of shape.
 const FEATURES: usize = 7;
 
 /// Stiffness of every point and its standard deviation among the neighbours, N/m.
 ///
-/// `touched` holds the stiffness of each touched point and its weight; `features` are
-/// n_features × points. A touched point keeps what it has.
+/// `touched` are the stiffness and the weight of each touched point; `features` are
+/// n_features × points. A touched point keeps its stiffness.
 pub(super) fn at_all_points(
     features: &DMatrix<f64>,
     touched: &[Option<(f64, f64)>],
@@ -37,7 +38,7 @@ pub(super) fn at_all_points(
         let (mut sum, mut squares, mut weights) = (0.0, 0.0, 0.0);
         for near in &near {
             let (_, k, weight) = trained[near.item as usize];
-            // Measured from the nearest one, so that not all weights vanish far from everything.
+            // Relative to the nearest neighbour, so that not all weights underflow if all are far away.
             let weight = weight * (0.5 * (nearest - near.distance) / length_scale.powi(2)).exp();
             sum += weight * k;
             squares += weight * k * k;

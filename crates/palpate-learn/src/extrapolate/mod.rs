@@ -1,7 +1,7 @@
-//! From touched cells to cells that only a camera saw (Sec. III-B).
+//! Extrapolation of stiffness from touched cells to cells that only a camera saw (Sec. III-B).
 //!
-//! A few touches and one coloured cloud give a stiffness for every seen point: what looks alike is
-//! taken to be alike. Three ways, of which the first is the default:
+//! A few touches and one coloured cloud give a stiffness for every seen point: points that look
+//! alike are assumed to be equally stiff. There are three methods; the first is the default:
 //!
 //! | [`Method`] | regression of                                | on                              |
 //! |------------|----------------------------------------------|---------------------------------|
@@ -9,9 +9,9 @@
 //! | `cells`    | the same                                     | stiffness of touched cells      |
 //! | `knn`      | the paper's: k nearest, RBF weights          | stiffness of touched points     |
 //!
-//! All three give back a spring as [`palpate::Field`] has it: of a cell of its lattice. So
-//! [`Extrapolation::cells`] is a prior for cells that no touch has reached. [`mod@compare`] says what
-//! such a prior is worth on touches that nothing has learnt from.
+//! All three return the stiffness of a cell of the [`palpate::Field`]'s lattice. So
+//! [`Extrapolation::cells`] gives prior means for untouched cells. [`mod@compare`] evaluates such a
+//! prior on held-out touches.
 
 mod basis;
 mod cells;

@@ -1,8 +1,8 @@
-//! Stiffness as a Gaussian process over features, learnt from whatever is linear in it.
+//! Stiffness as a Gaussian process over features, learnt from readings that are linear in it.
 //!
 //! `K(x) = φ(x)·w + 3c`, w and c of variance a² each, and readings `y = A·(w, c, …) + noise`. The
-//! posterior is that of linear regression; [`super::torque_evidence`] and [`super::cells`] say what is read.
-//! Its spread is scaled by how well the readings were met, so that twice the torques give twice the
+//! posterior is that of linear regression; the readings are those of [`super::torque_evidence`] or [`super::cells`].
+//! Its covariance is scaled by the residual of the readings, so that twice the torques give twice the
 //! stiffness and twice the standard deviation.
 
 use nalgebra::{DMatrix, DVector};
@@ -10,33 +10,33 @@ use rayon::prelude::*;
 
 use super::basis::Basis;
 
-/// How much larger what all points have in common may be than how they differ: of a colour that no
-/// touch has met the common stiffness is expected, rather than none.
+/// Prior standard deviation of the common stiffness of all points, relative to that of differences
+/// between points. So the common stiffness, and not zero, is expected of an untouched colour.
 const IN_COMMON: f64 = 3.0;
 
-/// Points worked on at once.
+/// Points that are processed together.
 const BLOCK: usize = 4096;
 
-/// Features of all seen points, and the functions of them that may be learnt.
+/// Features of all seen points, and the basis functions over them.
 pub(super) struct Process {
     features: DMatrix<f64>,
     basis: Basis,
 }
 
-/// What some readings say: sums that are enough for regression.
+/// Evidence of readings: the sums of the normal equations.
 #[derive(Debug, Clone)]
 pub(super) struct Evidence {
-    /// `Σ a aᵀ` of rows a of A, weighted.
+    /// Weighted sum `Σ a aᵀ` over rows a of A.
     pub(super) gram: DMatrix<f64>,
-    /// `Σ a y`.
+    /// Weighted sum `Σ a y`.
     pub(super) moment: DVector<f64>,
-    /// `Σ y²`.
+    /// Weighted sum `Σ y²`.
     pub(super) power: f64,
-    /// Readings that these count for.
+    /// Sum of the weights: effective number of readings.
     pub(super) readings: f64,
 }
 
-/// What is believed of w after the readings.
+/// Posterior of (w, c, …) given the readings.
 #[derive(Debug, Clone)]
 pub(super) struct Posterior {
     mean: DVector<f64>,
@@ -44,19 +44,19 @@ pub(super) struct Posterior {
 }
 
 impl Process {
-    /// Over features, n_features × points, that matter as far apart as `length_scale`.
+    /// A process over features, n_features × points, with a length scale in the units of the features.
     pub(super) fn new(features: DMatrix<f64>, length_scale: f64) -> Self {
         let basis = Basis::new(&features, length_scale);
         Self { features, basis }
     }
 
-    /// Numbers in w, and one for c.
+    /// Length of w, plus one for c.
     pub(super) fn len(&self) -> usize {
         self.basis.len() + 1
     }
 
-    /// One function of the point before whitening, none of them negative: its covariance with a
-    /// pivot, or what all have in common for the last.
+    /// One of the functions before whitening, at these points: the covariance with a pivot; the last
+    /// one is the constant of the common stiffness. None is negative.
     pub(super) fn covariance_with(&self, function: usize, points: &[u32]) -> Vec<f64> {
         if function == self.basis.len() {
             return vec![IN_COMMON; points.len()];
@@ -65,7 +65,7 @@ impl Process {
         points.iter().map(of).collect()
     }
 
-    /// `(φ(x), 3)` of some points, column by column.
+    /// `(φ(x), 3)` of these points, one column each.
     pub(super) fn phi(&self, points: impl ExactSizeIterator<Item = usize>) -> DMatrix<f64> {
         let mut k = DMatrix::zeros(self.basis.len(), points.len());
         for (point, mut column) in points.zip(k.column_iter_mut()) {
@@ -75,7 +75,7 @@ impl Process {
         self.basis.whitened(k).insert_row(n, IN_COMMON)
     }
 
-    /// Evidence over covariances as evidence over φ; what follows them in A stays.
+    /// Transforms evidence over covariances with pivots to evidence over φ; other unknowns are not changed.
     pub(super) fn whitened(&self, evidence: Evidence) -> Evidence {
         let rows = self.basis.len();
         let whiten = |mut m: DMatrix<f64>| {
@@ -117,7 +117,7 @@ impl Process {
 }
 
 impl Evidence {
-    /// Of nothing, for so many unknowns.
+    /// No evidence, for this number of unknowns.
     pub(super) fn none(unknowns: usize) -> Self {
         Self {
             gram: DMatrix::zeros(unknowns, unknowns),
@@ -127,7 +127,7 @@ impl Evidence {
         }
     }
 
-    /// Adds what other readings say.
+    /// Adds the evidence of other readings.
     pub(super) fn add(&mut self, other: &Self) {
         self.gram += &other.gram;
         self.moment += &other.moment;
@@ -137,7 +137,7 @@ impl Evidence {
 }
 
 impl Posterior {
-    /// Of unknowns with a standard deviation before, given evidence with a noise.
+    /// The posterior for this standard deviation of the prior and of the noise.
     pub(super) fn new(evidence: &Evidence, prior_std: f64, noise_std: f64) -> Self {
         let noise_variance = noise_std * noise_std;
         let mut precision = &evidence.gram / noise_variance;
@@ -149,7 +149,7 @@ impl Posterior {
             None => precision.pseudo_inverse(1e-12).expect("a tolerance above 0"),
         };
         let mean = &covariance * &evidence.moment / noise_variance;
-        // The likeliest common scale of prior and noise: yᵀ(A S Aᵀ + R)⁻¹y a reading.
+        // The most likely common scale of prior and noise: yᵀ(A S Aᵀ + R)⁻¹y per reading.
         let unexplained = (evidence.power - mean.dot(&evidence.moment)).max(0.0) / noise_variance;
         let scale = unexplained / evidence.readings.max(1.0);
         Self { mean, covariance: covariance * scale }

@@ -1,6 +1,6 @@
-//! How well an order agrees with another: area under the ROC curve, and Spearman's correlation.
+//! Rank statistics: area under the ROC curve, and Spearman's correlation.
 
-/// Ranks from 1 on; equal values share the mean of theirs.
+/// Ranks, from 1; equal values get the mean of their ranks.
 fn ranks(values: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..values.len()).collect();
     order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
@@ -16,8 +16,8 @@ fn ranks(values: &[f64]) -> Vec<f64> {
     ranks
 }
 
-/// The chance that a positive has a larger score than a negative, equal scores counting half; `None`
-/// without one of each.
+/// The probability that a positive has a larger score than a negative, where equal scores count
+/// half; `None` without a positive or without a negative.
 pub fn area_under_roc(scores: &[f64], positive: &[bool]) -> Option<f64> {
     let positives = positive.iter().filter(|positive| **positive).count();
     let negatives = positive.len() - positives;

@@ -1,11 +1,11 @@
-//! Measured torques, as evidence about a stiffness over features.
+//! Evidence of measured torques about a stiffness over features.
 //!
-//! Torque is linear in stiffness: if every cell at a seen point has `K = φ(x)·w + 3c`, and all others
-//! one stiffness of their own, then `τ = H K = (H Φ) (w, c, k)`: a few dozen unknowns, and hundreds of
-//! frames. So it is the torques that distinguish colours, and not the stiffness of single cells, which
-//! torques determine badly.
+//! Torque is linear in stiffness: if every cell at a seen point has `K = φ(x)·w + 3c`, and all other
+//! cells share one stiffness k, then `τ = H K = (H Φ) (w, c, k)`: a few dozen unknowns, and hundreds
+//! of frames. So colours are distinguished by the torques directly, and not by the stiffness of
+//! single cells, which torques determine badly.
 //!
-//! Frames of a touch resemble each other. All of a touch together count as much as one frame.
+//! Frames of a touch resemble each other, so all frames of a touch together count as one frame.
 
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::Cell;
@@ -39,19 +39,19 @@ pub(super) fn evidence(tracked: &Tracked, process: &Process, at: &[Option<u32>])
     tracked.touches.iter().enumerate().map(of).collect()
 }
 
-/// What some touches say together.
+/// The posterior of `(w, c, k)` given the evidence of several touches.
 pub(super) fn posterior(touches: &[&Evidence], prior_std: f64, torque_std: f64) -> Posterior {
     let mut all = Evidence::none(touches.first().map_or(0, |touch| touch.moment.len()));
     touches.iter().for_each(|touch| all.add(touch));
     Posterior::new(&all, prior_std, torque_std)
 }
 
-/// Torques of all frames in contact, N·m.
+/// Predicted torques of all frames in contact, one after the other, N·m.
 fn torques(touch: &TrackedTouch, cells: &[Cell]) -> Vec<f64> {
     touch.in_contact().flat_map(|frame| frame.predict(cells)).collect()
 }
 
-/// The sums of a touch, as if it were one frame.
+/// The sums of a touch, divided by its number of frames in contact, so that it counts as one frame.
 fn of_touch(touch: &TrackedTouch, columns: &[&[f64]]) -> Evidence {
     let frames = touch.frames_in_contact();
     if frames == 0 {

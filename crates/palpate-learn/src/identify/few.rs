@@ -1,39 +1,39 @@
-//! Few samples that have most of the residual: an arm that jerks as it starts, or that is touched for a moment.
+//! Detects that few samples have most of the residual, as when an arm jerks at its start or is touched briefly.
 
 use serde::Serialize;
 
 use super::held_out::{Left, Of};
 
-/// Share of the samples that is few.
+/// Largest share of the samples that counts as few.
 const FEW: f64 = 0.01;
-/// Share of the squares that is most.
+/// Smallest share of the sum of squared residuals that counts as most.
 const MOST: f64 = 0.5;
-/// A sample is far off if its residual is more than so many times the median of all.
+/// Outliers are samples whose residual exceeds the median by this factor.
 const FAR_OFF: f64 = 5.0;
 
-/// Samples with a far larger residual than usual, if they are at most a hundredth of all and have at least half of the
-/// sum of squared residuals.
+/// Outliers: samples with a far larger residual than the median, if they are at most 1 % of all samples and have at
+/// least half of the sum of squared residuals.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Few {
-    /// How many there are.
+    /// Number of outliers.
     pub samples: usize,
-    /// How many samples were held out.
+    /// Number of held-out samples.
     pub of: usize,
-    /// Their share of the sum of squares, 0 to 1.
+    /// Share of the outliers in the sum of squared residuals, 0 to 1.
     pub share: f64,
-    /// The largest residual of one, norm over the joints, N·m.
+    /// Largest residual of an outlier, norm over the joints, N·m.
     pub largest: f64,
-    /// Number of the touch in which they have most.
+    /// Index of the touch whose outliers have the largest sum of squares.
     pub touch: usize,
-    /// First and last of them in that touch, by number, from 0.
+    /// First and last outlier of that touch, as sample indices.
     pub rows: [usize; 2],
-    /// Residual of all other samples, root mean square over all joints, N·m: after gravity as the URDF says it, and
-    /// after the identified model.
+    /// Residual of all other samples, root mean square of the norm over the joints, N·m: after gravity of the URDF,
+    /// and after the identified model.
     pub without: [f64; 2],
 }
 
 impl Few {
-    /// `None` if no few samples have most.
+    /// From the residuals by touch; `None` if the residual is not concentrated in few samples.
     pub(super) fn of(left: &[Vec<Left>]) -> Option<Self> {
         let square = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>();
         let each = left.iter().enumerate();

@@ -1,5 +1,5 @@
-//! Residual torques of a model on motion that it was not identified on: whole touches, or quarters of them if there
-//! are fewer than three. Bias and drift of a touch are not known beforehand, so they are in it.
+//! Residual torques of a model on held-out motion: whole touches, or quarters of them if there are fewer than three.
+//! Offset and drift of a touch are not known beforehand, so the residual contains them.
 
 use palpate::unstable::{NoiseFactors, TouchMotion, explain};
 use palpate::{
@@ -19,19 +19,19 @@ use super::{IdentifyError, result, ripple};
 /// Root mean squares of the residuals of the measured torques, N·m, by joint.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct HeldOut {
-    /// After gravity as the URDF says it.
+    /// After gravity of the URDF.
     pub gravity: Vec<f64>,
     /// After the inverse dynamics of the URDF.
     pub urdf: Vec<f64>,
     /// After the identified model.
     pub identified: Vec<f64>,
-    /// The three again, of means over the time window that speeds are computed in.
+    /// `[gravity, urdf, identified]` of residuals averaged over the time window of the speeds.
     pub slow: [Vec<f64>; 3],
-    /// Few samples that have most of the residual of the identified model, if there are any.
+    /// Outliers, if few samples have most of the residual of the identified model.
     pub few: Option<Few>,
 }
 
-/// What follows for the model.
+/// The parts of the model that follow from residuals on held-out motion.
 pub(super) struct Found {
     pub(super) held_out: HeldOut,
     pub(super) noise: Vec<TorqueNoise>,
@@ -41,10 +41,10 @@ pub(super) struct Found {
     pub(super) causal: Option<Causal>,
 }
 
-/// One sample that was held out.
+/// A held-out sample with its residuals, N·m by joint.
 pub(super) struct Left {
     time_s: f64,
-    /// Its number in the touch.
+    /// Index of the sample in its touch.
     pub(super) row: usize,
     fold: usize,
     pub(super) gravity: Vec<f64>,
@@ -52,10 +52,10 @@ pub(super) struct Left {
     factors: Vec<NoiseFactors>,
 }
 
-/// Some residuals of a held-out sample, by joint.
+/// Selects one of the residuals of a held-out sample.
 pub(super) type Of = fn(&Left) -> &Vec<f64>;
 
-/// Half windows that are tried for speeds beside a running robot, s.
+/// Half windows that are tried for causal differentiation (on a running robot), s.
 const CAUSAL_WINDOWS_S: [f64; 5] = [0.05, 0.1, 0.15, 0.25, 0.4];
 
 pub(super) fn of(
@@ -83,7 +83,7 @@ pub(super) fn of(
     let n = robot.n_joints();
     let noise = |left: &[Vec<Left>]| (0..n).map(|j| noise_of(left, j)).collect();
     let mut left = read(&models, Differentiation::Centred)?;
-    // By fold, out of the other folds; and out of all of them.
+    // For each fold, ripple learned from the other folds; the last entry from all.
     let samples: Vec<RippleSample> = left.iter().flatten().map(Left::for_ripple).collect();
     unless_stopped()?;
     let ripples = ripple::find(&samples);
@@ -130,7 +130,7 @@ pub(super) fn of(
     Ok(Found { held_out, noise: own_noise, ripple, alarm, causal })
 }
 
-/// Touches with the times at which joints were read, or as logged: beside a running robot, stamps are what is known.
+/// Touches with corrected times, or as logged: on a running robot, only the stamps are known.
 fn of_differentiation<'a>(
     (touches, logged): (&'a [&'a [Sample]], &'a [&'a [Sample]]),
     differentiation: Differentiation,
@@ -199,7 +199,7 @@ fn left_of(
     Ok(left)
 }
 
-/// Of means over windows of `2 · half_s` around each sample.
+/// Root mean square of residuals that are averaged over windows of `2 · half_s` around each sample.
 fn root_mean_square(left: &[Vec<Left>], of: impl Fn(&Left) -> f64, half_s: f64) -> f64 {
     let (mut squares, mut count) = (0.0, 0.0);
     for touch in left {
@@ -220,8 +220,8 @@ fn root_mean_square(left: &[Vec<Left>], of: impl Fn(&Left) -> f64, half_s: f64) 
     if count > 0.0 { f64::sqrt(squares / count) } else { 0.0 }
 }
 
-/// Variance as a sum of parts that are at least zero, the most probable one of Gaussian noise: least squares of the
-/// squares, weighted with the variance itself.
+/// Noise of a joint: its variance is a non-negative sum of parts, fitted by maximum likelihood for Gaussian noise, as
+/// iteratively reweighted least squares on the squared residuals.
 fn noise_of(left: &[Vec<Left>], j: usize) -> TorqueNoise {
     let parts = |left: &Left| {
         let factors = &left.factors[j];
@@ -265,7 +265,7 @@ fn noise_of(left: &[Vec<Left>], j: usize) -> TorqueNoise {
     TorqueNoise { still, turning, by_speed, by_inertia }
 }
 
-/// Of the largest |torque| over its standard deviation, in each second.
+/// The alarm, from the largest |torque| over its standard deviation in each second of held-out motion.
 fn alarm_of(left: &[Vec<Left>], noise: &[TorqueNoise]) -> Option<Alarm> {
     let statistic = |left: &Left| {
         let std = noise.iter().zip(&left.factors).map(|(noise, factors)| factors.std(noise));

@@ -1,25 +1,25 @@
-//! What a URDF does not know of an arm, from logs of it in free motion: payload, masses, friction, bias, delay, gains.
+//! Identification of an arm from logs in free motion: payload, masses, friction, bias, delay and gains.
 //!
-//! The torque that motors need is linear in most of it ([`palpate::TorqueModel`]), so this is a linear regression with a
-//! Gaussian prior around the URDF (Atkeson, An and Hollerbach 1986; Gautier and Khalil 1990), and its posterior gives
-//! the standard deviations. How far masses, friction, biases and gains may lie from what is assumed, and how large the
-//! noise of each joint is, follows from the data: the evidence is maximised over them (MacKay 1992). Delay and gains
-//! enter by Gauss-Newton steps. Masses and inertias are kept physically possible by a barrier (Wensing, Kim and Slotine
-//! 2018: the pseudo-inertia is positive definite). Presliding distance and window are searched over a few values. Samples
-//! in which something seems to be touched are left out.
+//! The motor torque is linear in most of them ([`palpate::TorqueModel`]), so this is a linear regression with a
+//! Gaussian prior around the URDF (Atkeson, An and Hollerbach 1986; Gautier and Khalil 1990); its posterior gives the
+//! standard deviations. The prior widths of masses, friction, biases and gains, and the noise of each joint, are
+//! estimated by maximising the evidence (MacKay 1992). Delay and gains enter by Gauss-Newton steps. A barrier keeps
+//! masses and inertias physically possible (Wensing, Kim and Slotine 2018: the pseudo-inertia is positive definite).
+//! Presliding distance and window are searched over a few values. Samples in which something seems to be touched are
+//! left out.
 //!
-//! | file         | says                                                              |
+//! | file         | content                                                           |
 //! |--------------|-------------------------------------------------------------------|
 //! | `rows`       | samples as rows of the regression, summed up by joint and fold    |
-//! | `prior`      | how far what is sought may lie from what is assumed               |
-//! | `posterior`  | what the data say                                                 |
+//! | `prior`      | prior means and widths of the unknowns                            |
+//! | `posterior`  | posterior of the unknowns, and noise                              |
 //! | `search`     | delay, presliding distances and window                            |
 //! | `touched`    | samples in which something seems to be touched                    |
-//! | `possible`   | inertias that are physically possible                             |
-//! | `ripple`     | torque that comes back with the teeth of the gears                |
-//! | `held_out`   | residuals on motion that was not used                             |
-//! | `few`        | few samples that have most of the residual                        |
-//! | `result`     | values with standard deviations, in the units that people read    |
+//! | `possible`   | constraint to physically possible inertias                        |
+//! | `ripple`     | torque that is periodic with the teeth of the gears               |
+//! | `held_out`   | residuals on held-out motion                                      |
+//! | `few`        | whether few samples have most of the residual                     |
+//! | `result`     | values with standard deviations, in common units                  |
 
 mod few;
 mod held_out;
@@ -46,12 +46,12 @@ use search::Search;
 
 use crate::error::Stop;
 
-/// What to identify.
+/// Settings of the identification.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IdentifyConfig {
     /// The link in whose frame the payload is given.
     pub payload_link: LinkId,
-    /// The torques are the drives' currents: gains are not near 1, and follow from the masses of the URDF.
+    /// Whether the torques are motor currents: gains are then not near 1, and follow from the masses of the URDF.
     pub currents: bool,
 }
 
@@ -68,13 +68,13 @@ pub enum IdentifyError {
         "no joint moves by more than {wanted} rad, so nothing can be determined; move all of them, as `palpate excite` does"
     )]
     NoMotion { wanted: f64 },
-    /// Torques that are all the same.
+    /// All torques are constant.
     #[error("the torques are {0} N·m throughout: there is nothing in them")]
     NoTorque(f64),
-    /// Asked to stop.
+    /// Stopped by the caller.
     #[error("stopped")]
     Stopped,
-    /// Torques without gravity.
+    /// Gravity is already subtracted from the torques.
     #[error(
         "the torques hold no gravity: the robot has taken it off, with masses and friction of its own; identification \
          wants the measured torques (of a Franka `tau_J`, not `tau_ext_hat_filtered`); if they do hold it, say --gravity \
@@ -87,23 +87,25 @@ pub enum IdentifyError {
     /// A sample that does not fit the robot.
     #[error(transparent)]
     Sample(#[from] palpate::TrackerError),
-    /// Numbers that cannot be solved for.
+    /// The regression has no finite solution.
     #[error("the regression cannot be solved: are there numbers in the log that are far off?")]
     Unsolvable,
 }
 
-/// Samples of a touch below which it gives no speeds.
+/// Touches with fewer samples give no speeds; they are ignored if there are longer ones.
 const LEAST_OF_TOUCH: usize = 4;
-/// Samples below which nothing is tried.
+/// With fewer samples, identification is refused ([`IdentifyError::TooShort`]).
 const LEAST_SAMPLES: usize = 20;
-/// A joint that moves less, rad or m, does not move.
+/// A joint that moves by less, rad or m, counts as not moving.
 pub const LEAST_MOTION: f64 = 0.02;
 
 /// Identifies an arm from touches in free motion, joints in the robot's order.
 ///
+/// `stop` is polled, and `done` is called before each step, for a progress bar.
+///
 /// # Errors
 ///
-/// If the touches do not serve: too short, no motion, torques without gravity or all alike.
+/// If the touches cannot be used: too short, without motion, with constant torques or torques without gravity.
 pub fn identify(
     robot: &Robot,
     touches: &[&[Sample]],
@@ -115,7 +117,7 @@ pub fn identify(
         done();
         if stop() { Err(IdentifyError::Stopped) } else { Ok(()) }
     };
-    // Next to longer ones, touches that give no speeds would hide those of the others.
+    // One touch without speeds would make the regression ignore the speeds of all touches.
     let least =
         if touches.iter().any(|touch| touch.len() >= LEAST_OF_TOUCH) { LEAST_OF_TOUCH } else { 1 };
     let (numbers, logged): (Vec<usize>, Vec<&[Sample]>) =
@@ -149,17 +151,17 @@ pub fn identify(
     Ok(result::of(robot, config, &fit, held_out, (&motion, read_times)))
 }
 
-/// Stamps that are not the times at which the joints were read.
+/// Correction of time stamps that differ from the times at which the joints were read.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ReadTimes {
     /// Number of touches whose times were corrected.
     pub corrected: usize,
-    /// By how much, s: root mean square over their samples, but for what all samples of a touch share.
+    /// Size of the correction, s: root mean square over their samples, after subtraction of each touch's mean.
     pub rms_s: f64,
 }
 
 impl ReadTimes {
-    /// Of touches as they were logged, where `read` has those whose times were corrected.
+    /// Compares logged touches with `read`, which has the corrected ones (`None`: not corrected).
     fn new(read: &[Option<Vec<Sample>>], logged: &[&[Sample]]) -> Self {
         let mut found = Self { corrected: 0, rms_s: 0.0 };
         let (mut squares, mut count) = (0.0, 0.0);
@@ -178,20 +180,20 @@ impl ReadTimes {
         found
     }
 
-    /// Of touches of a robot, as they were logged.
+    /// Finds the correction for logged touches of a robot.
     pub fn of(robot: &Robot, logged: &[&[Sample]]) -> Self {
         let read: Vec<_> = logged.iter().map(|touch| with_read_times(robot, touch)).collect();
         Self::new(&read, logged)
     }
 }
 
-/// What touches are like, before anything is found.
+/// Statistics of the touches, computed while they are checked.
 struct Checked {
-    /// How far each joint moves within a touch, rad or m.
+    /// Largest range of each joint within a touch, rad or m.
     moved: Vec<f64>,
-    /// Standard deviation of each joint's torque as it is logged: with its gain.
+    /// Standard deviation of each joint's logged torque, not divided by its gain.
     variation: Vec<f64>,
-    /// Joints whose torque never varies: nothing measures it.
+    /// Joints whose logged torque is constant, so it is not measured.
     silent: Vec<usize>,
 }
 

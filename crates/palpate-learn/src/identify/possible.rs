@@ -1,26 +1,26 @@
-//! Masses that a body can have: the pseudo-inertia of each is positive definite (Wensing, Kim and Slotine 2018), which
-//! says that it is a sum of point masses.
+//! Physically possible masses and inertias: the pseudo-inertia of each body is positive definite (Wensing, Kim and
+//! Slotine 2018), that is, the body can be made of point masses.
 //!
 //! ```text
 //! J = [ ½ tr(I)·1 − I    m·c ]
 //!     [    (m·c)ᵀ         m  ]
 //! ```
 //!
-//! The most probable parameters are moved by the barrier `− WEIGHT · log det J`, which no step leaves, and which hardly
-//! matters where the data know better. Newton's method starts from the URDF under a barrier that is much higher, and
-//! follows the optimum as it is lowered.
+//! The barrier `− WEIGHT · log det J` is added to the negative log posterior. It keeps every step inside the possible
+//! region, and hardly changes parameters that the data determine. Newton's method starts from the URDF with a much
+//! larger weight, and follows the optimum while the weight is lowered.
 
 use nalgebra::{DMatrix, DVector, Matrix4};
 use palpate::unstable::BODY_PARAMETERS;
 
-/// Of the barrier, in units of the log likelihood.
+/// Final weight of the barrier, in units of the log likelihood.
 const WEIGHT: f64 = 0.05;
-/// That to start with, by what it is lowered each time, and steps of Newton's method for each.
+/// Least weight to start with, factor of each reduction, and most Newton steps at each weight.
 const FIRST_WEIGHT: f64 = 1e6;
 const LOWER: f64 = 0.3;
 const STEPS: usize = 20;
 
-/// The pseudo-inertia of ten parameters; it is linear in them.
+/// The pseudo-inertia of ten inertial parameters, in which it is linear.
 fn pseudo_inertia(parameters: &[f64]) -> Matrix4<f64> {
     let &[m, x, y, z, xx, xy, xz, yy, yz, zz] = parameters else {
         unreachable!("ten numbers a body")
@@ -29,12 +29,12 @@ fn pseudo_inertia(parameters: &[f64]) -> Matrix4<f64> {
     Matrix4::new(half - xx, -xy, -xz, x, -xy, half - yy, -yz, y, -xz, -yz, half - zz, z, x, y, z, m)
 }
 
-/// Whether a body can have ten parameters.
+/// Whether ten inertial parameters are physically possible.
 pub(super) fn is_possible(parameters: &[f64]) -> bool {
     pseudo_inertia(parameters).cholesky().is_some()
 }
 
-/// Ten parameters of a ball of a mass and a radius around a centre.
+/// Inertial parameters of a homogeneous ball.
 fn ball(mass: f64, radius: f64, center: [f64; 3]) -> [f64; BODY_PARAMETERS] {
     let [x, y, z] = center;
     let own = 0.4 * mass * radius * radius;
@@ -52,8 +52,10 @@ fn ball(mass: f64, radius: f64, center: [f64; 3]) -> [f64; BODY_PARAMETERS] {
     ]
 }
 
-/// The possible parameters that are most probable: changes of the bodies' parameters and a payload's ten, with mean and
-/// precision; the URDF's parameters with their scales.
+/// The most probable parameters that are physically possible: changes of the bodies' parameters, then the ten of the
+/// payload.
+///
+/// `mean` and `precision` (inverse covariance) are of the same numbers; `urdf` and `scales` are of the bodies only.
 pub(super) fn nearest(
     mean: &DVector<f64>,
     precision: &DMatrix<f64>,
@@ -61,7 +63,7 @@ pub(super) fn nearest(
     scales: &DVector<f64>,
 ) -> DVector<f64> {
     let n = urdf.len();
-    // What a body must at least be: a URDF may have bodies without mass, or with impossible ones.
+    // A URDF may have bodies without mass, or with impossible inertias: small balls are added until all are possible.
     let mut base = DVector::zeros(mean.len());
     base.rows_mut(0, n).copy_from(urdf);
     for body in 0..n / BODY_PARAMETERS {
@@ -85,7 +87,7 @@ pub(super) fn nearest(
             pseudo_inertia(&unit)
         })
         .collect();
-    // As high as the way is steep: near the boundary Newton's steps would be short.
+    // The weight is at least the cost at the start: with a lower one, Newton's steps near the boundary would be short.
     let off = &now - mean;
     let mut weight = FIRST_WEIGHT.max(off.dot(&(precision * &off)));
     loop {
@@ -97,7 +99,7 @@ pub(super) fn nearest(
     }
 }
 
-/// The optimum under a barrier of some weight, from a point inside.
+/// The optimum under a barrier of this weight, by Newton's method from a possible point.
 fn lower(
     mut now: DVector<f64>,
     weight: f64,

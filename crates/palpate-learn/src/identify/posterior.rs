@@ -1,12 +1,13 @@
 //! Posterior of the regression.
 //!
-//! What is solved for, in this order:
+//! The unknowns, in this order:
 //!
 //! ```text
 //! [ Δπ (10 · n_bodies) | payload (10) | delay | by joint: gain − 1, friction and drive, bias, slopes, offset and drift by touch ]
 //! ```
 //!
-//! with the priors of [`super::prior`]. Gains multiply the masses' torque, so each step is linear at the last one's result.
+//! with the priors of [`super::prior`]. Gains multiply the torque of the masses, so the problem is not linear: each
+//! step linearises it at the result of the last one.
 
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::BODY_PARAMETERS;
@@ -15,30 +16,30 @@ use super::possible;
 use super::prior::{Prior, Start, of_joint};
 use super::rows::{BIAS, FRICTION, Rows, SLOPES, Sum};
 
-/// Steps of the fixed point.
+/// Steps of the fixed-point iteration.
 const STEPS: usize = 25;
-/// What the data say.
+/// Posterior of all unknowns, and the noise.
 pub(super) struct Posterior {
     n_parameters: usize,
     n_joints: usize,
     of_joint: usize,
     start_parameters: DVector<f64>,
     payload_body: usize,
-    /// Mean and covariance of all that is solved for.
+    /// Mean and covariance of all unknowns.
     pub(super) mean: DVector<f64>,
     pub(super) covariance: DMatrix<f64>,
-    /// Noise of a row, N·m, by joint.
+    /// Standard deviation of a row's noise, by joint, in logged units.
     pub(super) noise: Vec<f64>,
-    /// What the noise is relative to.
+    /// Largest torque of each joint, in logged units: the scale of the noise.
     efforts: Vec<f64>,
-    /// How many rows say the same.
+    /// Autocorrelation time of the residuals, in rows, by joint ([`Rows::correlated`]).
     correlated: Vec<f64>,
-    /// Widths of the links' masses before and after.
+    /// Prior variance of all unknowns.
     pub(super) prior_variance: DVector<f64>,
 }
 
 impl Posterior {
-    /// `None` if the numbers cannot be solved for.
+    /// `None` if the regression has no finite solution.
     pub(super) fn of(rows: &Rows, sums: &[Sum], start: &Start) -> Option<Self> {
         let mut correlated = vec![1.0; rows.n_joints()];
         for _ in 0..2 {
@@ -47,7 +48,7 @@ impl Posterior {
         Self::with(rows, sums, start, correlated)
     }
 
-    /// As if no row said the same as another: in a third of the time, and less held to the URDF.
+    /// The posterior if rows are taken as independent: takes a third of the time, but gives the URDF too little weight.
     pub(super) fn of_independent(rows: &Rows, sums: &[Sum], start: &Start) -> Option<Self> {
         Self::with(rows, sums, start, vec![1.0; rows.n_joints()])
     }
@@ -80,7 +81,7 @@ impl Posterior {
         posterior.mean.iter().all(|value| value.is_finite()).then_some(posterior)
     }
 
-    /// A step of Gauss and Newton: the most probable coefficients, linearised at the last ones, and the noise.
+    /// A Gauss-Newton step: the most probable coefficients, linearised at the last ones, and the noise.
     fn solve(&mut self, sums: &[Sum], center: &DVector<f64>) -> Option<()> {
         let mut precision = DMatrix::from_diagonal(&self.prior_variance.map(|v| 1.0 / v));
         let mut right = center.component_div(&self.prior_variance);
@@ -100,11 +101,11 @@ impl Posterior {
         }
         self.covariance = inverse(&precision, self.shared(), self.of_joint)?;
         let mean = &self.covariance * &right;
-        // What rounding has left of the equations.
+        // One step of iterative refinement, against rounding errors.
         let left = right - precision * &mean;
         self.mean = mean + &self.covariance * left;
 
-        // Noise: the residual, and the part that the uncertain coefficients may add to it.
+        // Noise variance: the mean squared residual, plus what the uncertainty of the coefficients adds to it.
         for (j, (gram, sum)) in grams.iter().zip(sums).enumerate() {
             if sum.rows == 0.0 {
                 continue;
@@ -123,7 +124,7 @@ impl Posterior {
         Some(())
     }
 
-    /// Where the coefficients of a joint's rows are: shared ones and its own.
+    /// Indices of the unknowns in a joint's rows: the shared ones and the joint's own.
     fn own(&self, j: usize) -> Vec<usize> {
         let shared = self.shared();
         let at = shared + j * self.of_joint;
@@ -138,7 +139,7 @@ impl Posterior {
         self.payload_body
     }
 
-    /// Where the coefficients of a joint begin: its gain, less 1.
+    /// Index of a joint's first unknown: its gain minus 1.
     pub(super) fn joint(&self, j: usize) -> usize {
         self.shared() + j * self.of_joint
     }
@@ -151,7 +152,7 @@ impl Posterior {
         parameters
     }
 
-    /// Delay that is left, and its standard deviation, s.
+    /// Remaining delay beyond that of the rows, and its standard deviation, s.
     pub(super) fn delay(&self) -> (f64, f64) {
         let at = self.shared() - 1;
         (self.mean[at], self.covariance[(at, at)].sqrt())
@@ -162,7 +163,7 @@ impl Posterior {
         1.0 + self.mean[self.joint(j)]
     }
 
-    /// The mean bias of a joint over the logs, as a sum of coefficients with these factors.
+    /// The mean bias of a joint over the touches, as a linear combination of the unknowns: (index, factor).
     pub(super) fn mean_bias(&self, j: usize) -> Vec<(usize, f64)> {
         let at = self.joint(j) + 1;
         let touches = at + FRICTION + BIAS + SLOPES..at + self.of_joint - 1;
@@ -171,7 +172,7 @@ impl Posterior {
         std::iter::once((at + FRICTION, -1.0)).chain(offsets).collect()
     }
 
-    /// Numbers of a row of `rows` as those of the linearised regression, with its target last: the matrix that does it.
+    /// The matrix that maps a row of [`Rows`] to a row of the linearised regression, with the target last.
     fn design(&self, j: usize, width: usize) -> DMatrix<f64> {
         let (parameters, gain) = (self.parameters(), self.gain(j));
         let own = self.shared() + self.of_joint;
@@ -193,7 +194,7 @@ impl Posterior {
         design
     }
 
-    /// The residual of a row of `rows`, as coefficients of its numbers.
+    /// Coefficients whose product with a row of [`Rows`] is the residual.
     pub(super) fn row_coefficients(&self, j: usize) -> DVector<f64> {
         let at = self.joint(j);
         let mut coefficients = DVector::zeros(self.n_parameters + 1 + self.of_joint);
@@ -207,7 +208,7 @@ impl Posterior {
         coefficients
     }
 
-    /// Moves the masses to where they are possible, and all else to where it is most probable then.
+    /// Moves the masses to physically possible values, and all other unknowns to the most probable values given these.
     fn make_possible(&mut self, start: &Start) -> Option<()> {
         let count = self.n_parameters + BODY_PARAMETERS;
         let covariance = self.covariance.view((0, 0), (count, count)).into_owned();
@@ -219,7 +220,7 @@ impl Posterior {
         Some(())
     }
 
-    /// Variance of the residual, relative to the joints' largest torques.
+    /// Sum over the joints of the noise variance, relative to the squared largest torque.
     pub(super) fn residual_variance(&self) -> f64 {
         self.noise.iter().zip(&self.efforts).map(|(noise, effort)| (noise / effort).powi(2)).sum()
     }
@@ -229,8 +230,8 @@ impl Posterior {
     }
 }
 
-/// Inverse of a block arrow matrix: a shared part (the masses), and blocks (joints) that are coupled to it but not to each
-/// other. By the Schur complement of the blocks; `None` if the matrix is not positive definite.
+/// Inverse of a block arrow matrix: a shared part (the masses), and blocks (joints) that are coupled to it but not to
+/// each other. Uses the Schur complement of the blocks; `None` if the matrix is not positive definite.
 fn inverse(matrix: &DMatrix<f64>, shared: usize, block: usize) -> Option<DMatrix<f64>> {
     let rest = matrix.nrows() - shared;
     let mut inverse = DMatrix::zeros(matrix.nrows(), matrix.nrows());

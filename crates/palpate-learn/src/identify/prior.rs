@@ -1,8 +1,8 @@
-//! Priors of what the regression solves for, in the order of [`super::posterior`].
+//! Priors of the unknowns of the regression, in the order of [`super::posterior`].
 //!
-//! All are Gaussian around zero (gains of currents: around their first estimate). Those of one *group* have one unknown
-//! width, relative to scales that are the arm's: it is set to what makes the data most probable, by the fixed point of
-//! MacKay (1992).
+//! All are Gaussian around zero (gains of currents: around their first estimate). The standard deviation is a *width*
+//! times a scale that is known from the arm. The coefficients of one *group* share a width, which maximises the
+//! evidence, by the fixed point of MacKay (1992).
 
 use nalgebra::DVector;
 use palpate::Robot;
@@ -11,16 +11,17 @@ use palpate::unstable::BODY_PARAMETERS;
 use super::posterior::Posterior;
 use super::rows::{BIAS, FRICTION, Rows, SLOPES, Sum};
 
-/// Joints of which nobody knows the largest torque are taken to have this one, N·m.
+/// Largest torque of a joint whose URDF gives none, N·m.
 const USUAL_EFFORT: f64 = 40.0;
 
-/// Groups of coefficients that share a width (no URDF is better than 1 %, no gain better than 0.5 %), with that to start from and its bounds.
+/// Groups of coefficients that share a width: the first width and its bounds. No URDF is taken to be better than 1 %,
+/// no gain better than 0.5 %.
 const GROUPS: [(f64, [f64; 2]); 8] = [
     (0.05, [0.01, 0.5]),   // masses of links
     (0.02, [1e-3, 0.5]),   // Coulomb friction
     (0.01, [1e-4, 0.3]),   // asymmetry, breakaway
     (0.02, [1e-4, 0.5]),   // viscous friction
-    (0.005, [1e-4, 0.1]),  // drives' inertia
+    (0.005, [1e-4, 0.1]),  // inertia of the drives
     (0.01, [1e-4, 0.3]),   // bias
     (0.003, [1e-5, 0.1]),  // bias by pose, offsets and drifts
     (0.01, [0.005, 0.05]), // gains
@@ -29,32 +30,35 @@ const LINKS: usize = 0;
 const GAIN: usize = 7;
 /// Group of each coefficient of a joint after its gain: friction and drive, bias.
 const OF_JOINT: [usize; FRICTION + BIAS + SLOPES] = [1, 2, 2, 3, 4, 5, 6, 6, SLOPE, SLOPE];
-/// Not a group: how much of the Coulomb friction the slopes' coefficients may be.
+/// Not a group: slopes of friction, whose width is [`SLOPE_WIDTH`] and not estimated.
 const SLOPE: usize = usize::MAX - 1;
-/// Neither: a width that is not estimated.
+/// Not a group: unknowns whose width is not estimated.
 const FIXED: usize = usize::MAX;
-/// Of the coefficients after the gain, those that are never below zero: Coulomb, viscous, drive.
+/// Indices, after the gain, of the coefficients that are never below zero: Coulomb, viscous, drive.
 pub(super) const NEVER_NEGATIVE: [usize; 3] = [0, 3, 4];
-/// Coefficients of a group that the data must determine, in sum, to give its width.
+/// Effective number of coefficients of a group that the data must determine before its width is estimated.
 const LEAST_DETERMINED: f64 = 0.1;
-const SLOPE_N_M: f64 = 0.01;
+/// Width of the slopes of friction, relative to the largest torque.
+const SLOPE_WIDTH: f64 = 0.01;
+/// Group of the offsets and drifts by touch.
 const OF_TOUCH: usize = 6;
 
-/// Width of the gains of currents, relative to where they start; and how far that may be from what is common to all joints.
+/// Width of the gains of currents, relative to their first estimate.
 const GAIN_OF_CURRENT: f64 = 1.0;
+/// Largest ratio, or inverse ratio, of a joint's first gain to the gain that is common to all joints.
 const MOST_RATIO: f64 = 3.0;
-/// Widths that are not estimated: payload, kg and m; delay, s.
+/// Standard deviations that are not estimated: mass, kg, and size, m, of the payload; delay, s.
 const PAYLOAD_KG: f64 = 5.0;
 const PAYLOAD_M: f64 = 0.2;
 const DELAY_S: f64 = 0.05;
 
-/// What the regression starts from.
+/// What is known of the arm before the regression.
 pub(super) struct Start {
-    /// π of the URDF.
+    /// Inertial parameters π of the URDF.
     pub(super) parameters: DVector<f64>,
-    /// Scale of each of them.
+    /// Scale of each of them ([`inertial_scales`]).
     pub(super) scales: DVector<f64>,
-    /// Largest torques, N·m.
+    /// Largest torque of each joint, N·m.
     pub(super) efforts: Vec<f64>,
     pub(super) payload_body: usize,
     currents: bool,
@@ -70,8 +74,8 @@ impl Start {
     }
 }
 
-/// Scale of each inertial parameter: the mass of its body, times the body's radius of gyration where it is a first or
-/// second moment. A body without a mass has a tenth of the mean.
+/// Scale of each inertial parameter: the mass of its body, times a length near its radius of gyration for first
+/// moments, and the square of this length for second moments. The mass counts as at least a tenth of the mean mass.
 pub(crate) fn inertial_scales(parameters: &DVector<f64>) -> DVector<f64> {
     let bodies = || parameters.as_slice().chunks(BODY_PARAMETERS);
     let mean_mass = bodies().map(|body| body[0]).sum::<f64>() / bodies().len().max(1) as f64;
@@ -84,7 +88,7 @@ pub(crate) fn inertial_scales(parameters: &DVector<f64>) -> DVector<f64> {
     DVector::from_vec(scales.collect())
 }
 
-/// Coefficients of a joint: its gain, friction and drive, bias, slopes, offset and drift by touch.
+/// Number of coefficients of a joint: its gain, friction and drive, bias, slopes, offset and drift by touch.
 pub(super) fn of_joint(rows: &Rows) -> usize {
     1 + FRICTION + BIAS + SLOPES + 2 * rows.offsets
 }
@@ -92,15 +96,16 @@ pub(super) fn of_joint(rows: &Rows) -> usize {
 /// Priors of all coefficients.
 pub(super) struct Prior {
     pub(super) center: DVector<f64>,
-    /// Largest torques in the units that are logged.
+    /// Largest torque of each joint, in logged units.
     pub(super) efforts: Vec<f64>,
     group: Vec<usize>,
     scale: DVector<f64>,
     widths: [f64; GROUPS.len()],
-    /// Gains are found by their slope on the masses' torque, and keep their width.
+    /// Whether the torques are currents: the width of the gains is then not estimated.
     currents: bool,
-    /// Coefficients that would be below zero, and cannot be.
+    /// Coefficients that are held near zero, since their estimate would be negative.
     is_zero: Vec<bool>,
+    /// Index of each joint's first coefficient.
     joints: Vec<usize>,
 }
 
@@ -138,7 +143,7 @@ impl Prior {
             (prior.group[at], prior.scale[at]) = (GAIN, gain.abs());
             for k in 1..of_joint {
                 let group = OF_JOINT.get(k - 1).copied().unwrap_or(OF_TOUCH);
-                let slope = if group == SLOPE { SLOPE_N_M } else { 1.0 };
+                let slope = if group == SLOPE { SLOPE_WIDTH } else { 1.0 };
                 (prior.group[at + k], prior.scale[at + k]) = (group, slope * prior.efforts[j]);
             }
         }
@@ -154,7 +159,7 @@ impl Prior {
         })
     }
 
-    /// Friction and inertia of a drive are never below zero: where they would be, they are zero from now on.
+    /// Friction and inertia of a drive are never below zero: negative estimates are held near zero from now on.
     pub(super) fn hold_at_zero(&mut self, posterior: &Posterior) {
         for at in &self.joints {
             let sign = (1.0 + posterior.mean[*at]).signum();
@@ -164,8 +169,8 @@ impl Prior {
         }
     }
 
-    /// Sets the widths to what a posterior says of them: how large the coefficients are, by how many of them the data
-    /// determine.
+    /// Updates the widths by a step of MacKay's fixed point: squared width = sum of the squared coefficients, relative
+    /// to their scales, over the effective number of coefficients that the data determine.
     pub(super) fn adapt(&mut self, posterior: &Posterior) {
         let variance = self.variance();
         for (index, (_, [least, most])) in GROUPS.iter().enumerate() {
@@ -187,14 +192,15 @@ impl Prior {
 }
 
 impl Start {
-    /// Gains to start from: 1; of currents, what all joints together say, or a joint of its own where the URDF's torque is
-    /// far larger there than friction and a payload, which is not known yet.
+    /// First gains: 1; of currents, the slope of the logged on the URDF's torque over all joints, mixed with a joint's
+    /// own slope, which counts more the larger the URDF's torque is against friction and a still unknown payload.
     fn first_gains(&self, rows: &Rows, sums: &[Sum]) -> Vec<f64> {
         if !self.currents {
             return vec![1.0; sums.len()];
         }
         let (last, one) = (rows.width() - 1, rows.n_parameters + 1 + FRICTION);
-        // Variances and covariance of the URDF's torque and what was logged; and of the torque of any payload.
+        // Variance of the URDF's torque, its covariance with the logged torque, variance of the logged torque, and
+        // variance that a payload may add.
         let moments = |sum: &Sum| {
             let mut urdf = DVector::zeros(rows.width());
             urdf.rows_mut(0, rows.n_parameters).copy_from(&self.parameters);
@@ -216,19 +222,19 @@ impl Start {
         let common = total(1) / total(0).max(1e-9);
         let common = if common.abs() > 1e-4 { common } else { 1.0 };
         let gain = |[variance, covariance, logged, payload]: &[f64; 4]| {
-            // Nothing follows from a joint whose torque of gravity hardly changes.
+            // The floor keeps the slope small for a joint whose gravity torque hardly changes.
             let own = covariance / variance.max(0.01);
             let friction = (logged - own * covariance).max(0.0) / common.powi(2);
             let part = variance / (variance + friction + payload).max(1e-9);
             let ratio = part * own / common + 1.0 - part;
-            // A joint may count the other way.
+            // A joint may have the opposite sign.
             common * ratio.signum() * ratio.abs().clamp(1.0 / MOST_RATIO, MOST_RATIO)
         };
         moments.iter().map(gain).collect()
     }
 }
 
-/// How large a parameter of a payload may be: its mass, kg, times powers of its size, m.
+/// Prior standard deviation of a parameter of the payload: mass, kg, times a power of its size, m.
 fn payload_scale(parameter: usize) -> f64 {
     PAYLOAD_KG * PAYLOAD_M.powi([0, 1, 1, 1, 2, 2, 2, 2, 2, 2][parameter])
 }

@@ -1,4 +1,4 @@
-//! What was identified, in the units that people read, with standard deviations.
+//! Identified values with standard deviations, in common units, and notes for the user.
 
 use nalgebra::{DMatrix, Isometry3, Matrix3, Point3, Vector3};
 use palpate::unstable::BODY_PARAMETERS;
@@ -18,48 +18,47 @@ use super::{Checked, IdentifyConfig, LEAST_MOTION, ReadTimes, touched};
 /// A value with its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Value {
-    /// The most probable one.
+    /// The most probable value.
     pub value: f64,
     /// Standard deviation.
     pub std: f64,
 }
 
-/// What was found out about an arm.
+/// Result of the identification of an arm.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Identified {
-    /// For other commands.
+    /// The identified arm, for other commands.
     pub model: TorqueModel,
-    /// What it carries beyond the URDF.
+    /// Mass that the URDF does not contain.
     pub payload: PayloadEstimate,
     /// By joint.
     pub joints: Vec<JointEstimate>,
     /// By body.
     pub bodies: Vec<BodyEstimate>,
-    /// Combinations of inertial parameters that any motion determines, and those that these logs determine better than
-    /// the URDF.
+    /// Number of base parameters: combinations of inertial parameters that motion can determine.
     pub base_parameters: usize,
-    /// See `base_parameters`.
+    /// Number of base parameters that these logs determine better than the URDF.
     pub base_parameters_identified: usize,
-    /// How much later torques are than positions, s.
+    /// Delay of the torques after the positions, s.
     pub delay_s: Value,
-    /// Whether the logs have a clock that gives speeds.
+    /// Whether the time stamps of the logs give speeds.
     pub timed: bool,
-    /// The part of the samples that is left out, since something seems to be touched in them, 0 to 1.
+    /// The fraction of the samples that is left out, since something seems to be touched in them, 0 to 1.
     pub touched: f64,
-    /// Stamps that are not the times at which the joints were read.
+    /// Correction of time stamps that differ from the times at which the joints were read.
     pub read_times: ReadTimes,
     /// Residuals of held-out motion.
     pub held_out: HeldOut,
-    /// What is wrong, if the model does not fit motion that was held out.
+    /// What may be wrong, if the model does not fit held-out motion.
     pub misfit: Option<String>,
     /// What cannot be determined, and why.
     pub notes: Vec<String>,
 }
 
-/// What an arm carries beyond what the URDF says of the link, point by point.
+/// The payload: mass in addition to that of the URDF.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PayloadEstimate {
-    /// The link in whose frame it is given.
+    /// The link in whose frame the payload is given.
     pub link: String,
     /// Mass, kg.
     pub mass_kg: Value,
@@ -67,22 +66,22 @@ pub struct PayloadEstimate {
     pub com_m: [Value; 3],
     /// Inertia about the centre of mass in the link's axes, kg·m².
     pub inertia_kg_m2: [[f64; 3]; 3],
-    /// Whether its mass differs from none: it is more than twice its standard deviation.
+    /// Whether the mass is more than twice its standard deviation.
     pub is_significant: bool,
 }
 
-/// What was found out about a joint.
+/// Identified values of a joint.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct JointEstimate {
     /// Its name.
     pub name: String,
-    /// How far it moved, rad or m.
+    /// Largest range of the joint within a touch, rad or m.
     pub moved: f64,
     /// Coulomb friction, mean of both directions, N·m.
     pub coulomb_n_m: Value,
     /// Half the difference between the directions, N·m.
     pub asymmetry_n_m: Value,
-    /// What friction is larger by at the slowest, N·m.
+    /// Breakaway: how much larger friction is at the slowest speeds, N·m.
     pub breakaway_n_m: Value,
     /// Viscous friction, N·m·s/rad.
     pub viscous_n_m_s: Value,
@@ -92,27 +91,27 @@ pub struct JointEstimate {
     pub bias_n_m: Value,
     /// Measured over true torque.
     pub gain: Value,
-    /// How far it moves until friction is that of its direction, rad.
+    /// Presliding distance: how far the joint moves after a reversal until half of the change of friction is over, rad.
     pub presliding_rad: f64,
-    /// How often its gears' ripple comes back in a turn, the strongest order first; empty if none is found.
+    /// Orders of the ripple of its gears, in periods per turn, the strongest first; empty if none is found.
     pub ripple_orders: Vec<f64>,
-    /// What no friction of this kind explains while the joint turns round, N·m.
+    /// Standard deviation of the torque that the friction model leaves unexplained during reversals, N·m.
     pub hysteresis_n_m: f64,
 }
 
-/// What was found out about the links that move together.
+/// Identified values of a body: links that move together.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BodyEstimate {
-    /// The first of the links.
+    /// The first link of the body.
     pub link: String,
     /// Mass, kg; mass times centre of mass, kg·m; inertia about the origin xx, xy, xz, yy, yz, zz, kg·m². Payload
     /// included.
     pub parameters: [Value; BODY_PARAMETERS],
-    /// The part of the URDF's variance that each lost, 0 (nothing) to 1.
+    /// Reduction of each parameter's variance, relative to its prior variance: 0 (nothing learned) to 1.
     pub variance_reduction: [f64; BODY_PARAMETERS],
 }
 
-/// The model that a posterior says, its noise not yet known.
+/// The model with the mean of a posterior; noise, ripple and alarm are not yet set.
 pub(super) fn model(
     robot: &Robot,
     settings: &RegressionSettings,
@@ -121,7 +120,7 @@ pub(super) fn model(
     let joints = robot.joint_names().enumerate().map(|(j, name)| {
         let at = posterior.joint(j);
         let (own, gain) = (|k: usize| posterior.mean[at + 1 + k], posterior.gain(j));
-        // Of what is at least zero: a negative estimate is one of zero.
+        // For values that cannot be negative: a negative estimate is set to zero.
         let positive = |k: usize| (own(k) / gain).max(0.0);
         JointModel {
             name: name.to_owned(),
@@ -177,11 +176,11 @@ pub(super) fn of(
             let gain = posterior.gain(j);
             let by_gain = |k: usize| {
                 let value = posterior.mean[at + 1 + k] / gain;
-                // As in the model.
+                // Set to zero as in the model.
                 let value = if NEVER_NEGATIVE.contains(&k) { value.max(0.0) } else { value };
                 value_of(posterior, &[(at + 1 + k, 1.0 / gain), (at, -value / gain)], value)
             };
-            // The mean of the logs': what each has of its own beside the constant.
+            // The mean over the touches: the constant plus their offsets.
             let bias = posterior.mean_bias(j);
             JointEstimate {
                 name: model.joints[j].name.clone(),
@@ -225,7 +224,7 @@ pub(super) fn of(
     identified
 }
 
-/// A value with the standard deviation of a combination of what was solved for.
+/// A value with the standard deviation of a linear combination of the unknowns: (index, factor).
 fn value_of(posterior: &Posterior, slopes: &[(usize, f64)], value: f64) -> Value {
     let variance: f64 = (slopes.iter())
         .flat_map(|a| slopes.iter().map(move |b| (a, b)))
@@ -234,10 +233,10 @@ fn value_of(posterior: &Posterior, slopes: &[(usize, f64)], value: f64) -> Value
     Value { value, std: INFLATION * variance.max(0.0).sqrt() }
 }
 
-/// Reported standard deviations over those of the posterior, which takes widths, noise and correlations for known:
-/// found on 200 simulated arms, where it alone covers 76 to 93 % of the truths with what are to be 95 %.
+/// Factor from standard deviations of the posterior to reported ones. The posterior takes widths, noise and
+/// correlations as known: its 95 % intervals contained only 76 to 93 % of the true values of 200 simulated arms.
 const INFLATION: f64 = 1.25;
-/// What is not known of the delay for want of positions between the samples, in parts of the interval.
+/// Standard deviation of the delay from interpolation between samples, as a fraction of the sampling interval.
 const BETWEEN_SAMPLES: f64 = 0.03;
 
 fn payload(robot: &Robot, config: &IdentifyConfig, posterior: &Posterior) -> PayloadEstimate {
@@ -296,7 +295,7 @@ fn bodies(robot: &Robot, posterior: &Posterior) -> Vec<BodyEstimate> {
         .collect()
 }
 
-/// How many combinations of inertial parameters any motion determines, and how many these logs better than the URDF.
+/// The number of base parameters, and the number of them that these logs determine better than the URDF.
 fn base_parameters(robot: &Robot, posterior: &Posterior) -> (usize, usize) {
     let size = posterior.prior_variance.len().min(BODY_PARAMETERS * robot.bodies().len());
     let mut rng = ChaCha8Rng::seed_from_u64(0);
@@ -319,18 +318,18 @@ fn base_parameters(robot: &Robot, posterior: &Posterior) -> (usize, usize) {
 
     let covariance = posterior.covariance.view((0, 0), (size, size));
     let relative = DMatrix::from_fn(size, size, |a, b| covariance[(a, b)] / scales[a] / scales[b]);
-    // Half of the prior's variance or less is left.
+    // Determined: less than half of the prior variance remains.
     let identified = relative.symmetric_eigenvalues().iter().filter(|left| **left < 0.5).count();
     (all, identified.min(all))
 }
 
-/// Largest residual, as a part of the torques' variation, before something is wrong.
+/// Largest residual, relative to the standard deviation of the torques, before a misfit is reported.
 const MOST_RESIDUAL: f64 = 0.3;
 
-/// How early torques may be, s.
+/// Torques may come before the positions by this, s, before it is reported.
 const EARLY_S: f64 = 0.01;
 
-/// Gains that no motor has.
+/// A note on negative gains.
 fn of_gains(identified: &Identified) -> Option<String> {
     let is_negative = |joint: &&JointEstimate| joint.gain.value < 0.0;
     let negative: Vec<&str> =
@@ -349,7 +348,7 @@ fn of_gains(identified: &Identified) -> Option<String> {
     }
 }
 
-/// Torques that come before the positions.
+/// A note on torques that come before the positions.
 fn of_delay(identified: &Identified) -> Option<String> {
     let Value { value, std } = identified.delay_s;
     (identified.timed && value < -2.0 * std - EARLY_S).then(|| {
@@ -361,7 +360,7 @@ fn of_delay(identified: &Identified) -> Option<String> {
     })
 }
 
-/// What cannot be determined, and why.
+/// Notes for the user: what is suspect, what cannot be determined, and why.
 fn notes(
     identified: &Identified,
     (motion, has_settled): (&Checked, bool),
@@ -411,7 +410,7 @@ fn notes(
     notes
 }
 
-/// Joints that do not move, and those whose torque is not measured.
+/// Notes on joints that do not move, and on those whose torque is not measured.
 fn of_joints(joints: &[JointEstimate], motion: &Checked) -> Vec<String> {
     let mut notes = Vec::new();
     let still: Vec<&str> = (joints.iter())
@@ -436,7 +435,7 @@ fn of_joints(joints: &[JointEstimate], motion: &Checked) -> Vec<String> {
     notes
 }
 
-/// How far stamps are off, if they are.
+/// A note on time stamps that were corrected.
 fn of_stamps(read_times: ReadTimes) -> Option<String> {
     let ReadTimes { corrected, rms_s } = read_times;
     (corrected > 0).then(|| {
@@ -450,7 +449,7 @@ fn of_stamps(read_times: ReadTimes) -> Option<String> {
     })
 }
 
-/// Where most of the residual is.
+/// A note on the outliers that have most of the residual.
 fn far_off(few: &Few) -> String {
     let Few { samples, of, share, largest, touch, rows: [from, to], without: [gravity, own] } = few;
     format!(
@@ -461,7 +460,7 @@ fn far_off(few: &Few) -> String {
     )
 }
 
-/// What is wrong if the model does not fit motion that was held out.
+/// What may be wrong, if the model does not fit held-out motion; `None` if it fits.
 fn misfit(identified: &Identified, motion: &Checked) -> Option<String> {
     let variation = motion.variation.iter().zip(&identified.joints);
     let variation =

@@ -1,7 +1,8 @@
-//! Ripple of the gears, from the residual of the rest of the model.
+//! Ripple torques of the gears, estimated from the residual of the rest of the model.
 //!
-//! All gears of an arm are taken to be of one kind: the orders are those that explain most, summed over the joints. Which
-//! joints' ripple a joint feels is chosen by forward selection on held-out motion; coefficients are by ridge regression.
+//! All gears of an arm are assumed to be of one kind, so they share their orders: those that explain most, summed over
+//! the joints. The joints whose ripple acts on a joint are chosen by forward selection on held-out motion. The
+//! coefficients come from ridge regression.
 
 use std::array::from_fn;
 
@@ -14,27 +15,27 @@ use super::rows::FOLDS;
 use super::touched::MEDIAN;
 use crate::upper_median::upper_median;
 
-/// Orders that are tried: a gear's teeth, times two at most; slower ones are gravity's and the bias's.
+/// Orders that are tried, up to twice the number of a gear's teeth; lower orders belong to gravity and bias.
 const ORDERS: std::ops::RangeInclusive<u32> = 20..=700;
-/// Orders of an arm.
+/// Number of orders of an arm.
 const MOST_ORDERS: usize = 2;
-/// Samples that the search for an order looks at.
+/// Most samples in the search for an order.
 const MOST_SAMPLES: usize = 6_000;
-/// With fewer samples than five for each coefficient of a joint's gears, there is no ripple.
+/// With fewer samples (five for each coefficient of a joint's gears), no ripple is estimated.
 const LEAST_SAMPLES: usize = 5 * MOST_ORDERS * RIPPLE_COEFFICIENTS;
-/// Of the ridge regression: coefficients that few samples determine stay small.
+/// Added to the diagonal in the ridge regression, so that coefficients stay small that few samples determine.
 const RIDGE: f64 = 3.0;
-/// Residual torques, relative to their usual size, beyond which a sample says nothing of ripple.
+/// Samples with a residual torque above this many robust standard deviations are not used.
 const FAR_OFF: f64 = 5.0;
-/// Speed of an arm that moves, as a part of its top speed.
+/// The arm counts as moving from this fraction of its top speed on.
 const MOVING: f64 = 0.1;
-/// The part of the residual that the ripple of a further joint must explain on held-out motion.
+/// The fraction of the squared residual that the ripple of a further joint must explain on held-out motion.
 const LEAST_RIPPLE: f64 = 0.02;
 
 /// A sample, and the residual of its external torques.
 #[derive(Debug, Clone)]
 pub(super) struct RippleSample {
-    /// The fold that it is held out in.
+    /// The fold in which the sample is held out.
     pub(super) fold: usize,
     /// By joint: positions, rad, speeds, rad/s, and torques, N·m.
     pub(super) q: Vec<f64>,
@@ -43,7 +44,8 @@ pub(super) struct RippleSample {
 }
 
 impl RippleSample {
-    /// Adds the torques of ripple to the residual: external torque is what is measured plus what the motor needs.
+    /// Removes ripple from the residual. Its motor torque is added, since the external torque is the measured torque
+    /// plus the torque that the motors need.
     pub(super) fn take_off(&mut self, ripple: &[Vec<Ripple>]) {
         for (j, own) in ripple.iter().enumerate() {
             own.iter().for_each(|own| own.add_to(&mut self.torque, self.q[j], self.speed[j]));
@@ -51,7 +53,7 @@ impl RippleSample {
     }
 }
 
-/// Ripple of the gears of each joint, out of the samples of all folds but one, and at last out of all.
+/// Ripple of the gears of each joint: entry k is estimated without fold k, the last entry from all samples.
 pub(super) fn find(samples: &[RippleSample]) -> [Vec<Vec<Ripple>>; FOLDS + 1] {
     let n = samples.first().map_or(0, |sample| sample.q.len());
     let samples = &usual(samples, n)[..];
@@ -64,8 +66,8 @@ pub(super) fn find(samples: &[RippleSample]) -> [Vec<Vec<Ripple>>; FOLDS + 1] {
     from_fn(|fold| fits[fold].ripples(&sources))
 }
 
-/// The samples in which no joint is far off, as where an arm jerks: a few of them would hide the ripple of all others.
-/// What is usual is what it is while the arm moves, for there is no ripple at rest.
+/// The samples without outliers in any joint, as where an arm jerks: a few of them would hide the ripple of all others.
+/// The standard deviations are those of a moving arm, since there is no ripple at rest.
 fn usual(samples: &[RippleSample], n: usize) -> Vec<RippleSample> {
     let speed = |own: &RippleSample| own.speed.iter().map(|speed| speed * speed).sum::<f64>();
     let top = samples.iter().map(speed).fold(0.0, f64::max);
@@ -100,12 +102,12 @@ fn sources(folds: &[Regression], n: usize, j: usize) -> Vec<usize> {
 /// Regression of the residual on the ripple of all joints.
 struct Regression {
     orders: Vec<f64>,
-    /// Of the samples that are learned, and of those that are held out.
+    /// Sums over the learned samples, and over the held-out ones.
     learned: Sums,
     held: Sums,
 }
 
-/// Sums of the normal equations: products of the columns, of columns and torques, and of torques.
+/// Sums of the normal equations: products of columns, of columns with torques, and squared torques.
 struct Sums {
     gram: DMatrix<f64>,
     right: DMatrix<f64>,
@@ -113,7 +115,7 @@ struct Sums {
 }
 
 impl Regression {
-    /// Without a fold.
+    /// Learned from all folds but `fold`, which is held out.
     fn of(samples: &[RippleSample], fold: usize) -> Self {
         let n = samples[0].q.len();
         let own: Vec<Vec<usize>> = (0..n).map(|j| vec![j]).collect();
@@ -127,7 +129,7 @@ impl Regression {
         for _ in 0..MOST_ORDERS {
             let order = best_order(&left);
             orders.push(order);
-            // The next one is sought in what each joint's own gears leave unexplained.
+            // The next order is searched in the residual after ripple of each joint's own gears.
             let learned = Sums::of(left.iter(), &[order], n);
             let held = Sums::new(0, 0);
             let fit = Self { orders: vec![order], learned, held }.ripples(&own);
@@ -141,13 +143,13 @@ impl Regression {
         }
     }
 
-    /// Columns of some joints' gears.
+    /// Indices of the columns of some joints' gears.
     fn columns(&self, of: &[usize]) -> Vec<usize> {
         let each = RIPPLE_COEFFICIENTS * self.orders.len();
         of.iter().flat_map(|joint| each * joint..each * (joint + 1)).collect()
     }
 
-    /// Coefficients of the ripple of some joints' gears in a joint.
+    /// Coefficients of the ripple that the gears of the joints `of` cause in joint `j`.
     fn coefficients(&self, of: &[usize], j: usize) -> DVector<f64> {
         let columns = self.columns(of);
         let mut gram = self.learned.gram.select_rows(&columns).select_columns(&columns);
@@ -156,7 +158,7 @@ impl Regression {
         gram.cholesky().map_or(DVector::zeros(columns.len()), |factor| factor.solve(&right))
     }
 
-    /// Sum of squared residuals of the samples that are held out.
+    /// Sum of squared residuals of joint `j` in the held-out samples, with ripple of the joints `of`.
     fn squared_residual(&self, of: &[usize], j: usize) -> f64 {
         let (columns, own) = (self.columns(of), self.coefficients(of, j));
         let gram = self.held.gram.select_rows(&columns).select_columns(&columns);
@@ -206,7 +208,7 @@ impl Sums {
                 .collect();
             for (a, own) in &row {
                 row.iter().for_each(|(b, other)| sums.gram[(*a, *b)] += own * other);
-                // What the motor needs is what the external torque lacks.
+                // Minus: the motor torque is the negative of the residual of the external torque.
                 let torques = sample.torque.iter().enumerate();
                 torques.for_each(|(j, torque)| sums.right[(*a, j)] -= own * torque);
             }
@@ -218,17 +220,17 @@ impl Sums {
     }
 }
 
-/// The order that explains most of the residual, all joints together, each by its own gears.
+/// The order that explains most of the residual, summed over the joints, each with its own gears.
 fn best_order(samples: &[RippleSample]) -> f64 {
     let n = samples.first().map_or(0, |sample| sample.q.len());
     let mut explained = ORDERS.map(|order| (0.0, f64::from(order))).collect::<Vec<_>>();
     for j in 0..n {
-        // From one order to the next, the angle of a sample turns by its position.
+        // From one order n to the next, the phase n·q of a sample increases by its position q.
         let turn = |times: f64| samples.iter().map(move |own| Complex::cis(times * own.q[j]));
         let steps: Vec<Complex<f64>> = turn(1.0).collect();
         let mut angles: Vec<Complex<f64>> = turn(f64::from(*ORDERS.start())).collect();
         for (explained, order) in &mut explained {
-            // By knot: product with the torque, and of its own.
+            // By knot: sum of products with the torque, and of squares.
             let mut sums = [(Complex::<f64>::ZERO, RIDGE); RIPPLE_COEFFICIENTS / 2];
             for ((angle, step), sample) in angles.iter_mut().zip(&steps).zip(samples) {
                 for (knot, weight) in Ripple::knots(*order, sample.speed[j]) {
@@ -238,7 +240,7 @@ fn best_order(samples: &[RippleSample]) -> f64 {
                 }
                 *angle *= step;
             }
-            // Neighbouring knots are taken as if they did not know of each other.
+            // Products between neighbouring knots are neglected.
             *explained += sums.iter().map(|(product, own)| product.norm_sqr() / own).sum::<f64>();
         }
     }
@@ -294,7 +296,7 @@ mod tests {
         let (before, after) = (power(&Clone::clone), power(&left));
         assert!(after < 0.01 * before, "{after} of {before}");
 
-        // Samples in which the arm jerks do not hide it.
+        // Samples in which the arm jerks do not hide the ripple.
         let mut jerky = samples.clone();
         for (k, sample) in jerky.iter_mut().enumerate().take(8) {
             sample.torque = vec![if k % 2 == 0 { 90.0 } else { -90.0 }; 3];

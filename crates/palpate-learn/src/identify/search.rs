@@ -1,4 +1,4 @@
-//! Search for what does not enter the regression linearly: window, delay, and how friction turns round.
+//! Search for the parameters that are not linear in the regression: window, delay, and friction at reversals.
 
 use palpate::{Robot, Sample, TorqueSign};
 use rayon::prelude::*;
@@ -9,18 +9,18 @@ use super::prior::Start;
 use super::rows::{RegressionSettings, Rows, Turning};
 use super::touched::Touched;
 
-/// Half windows that speeds and accelerations are tried with, s.
+/// Half windows for speeds and accelerations that are tried, s.
 const WINDOWS_S: [f64; 6] = [0.05, 0.1, 0.17, 0.25, 0.35, 0.5];
-/// How friction turns round, to start the search with.
+/// Friction at reversals at the start of the search.
 const TURNING: Turning = Turning { presliding: 1e-3, stribeck: 0.03 };
-/// Steps of the search for delay and presliding distances.
+/// Most steps of the search for delay and presliding distances.
 const STEPS: usize = 14;
-/// What is left of the delay when it is found, in parts of the time between samples.
+/// The search has converged if the remaining delay is below this fraction of the sampling interval.
 const SETTLED: f64 = 0.02;
-/// The longest delay that is looked for, s.
+/// Largest delay of the search, s, in both directions.
 const MOST_DELAY_S: f64 = 0.3;
 
-/// What is searched in.
+/// Input of the search.
 pub(super) struct Search<'a> {
     pub(super) robot: &'a Robot,
     pub(super) touches: &'a [&'a [Sample]],
@@ -28,7 +28,7 @@ pub(super) struct Search<'a> {
     pub(super) start: &'a Start,
 }
 
-/// What explains the samples best.
+/// Result of the search: the settings with the smallest residual, and their posterior.
 pub(super) struct Fit {
     pub(super) settings: RegressionSettings,
     pub(super) rows: Rows,
@@ -37,7 +37,7 @@ pub(super) struct Fit {
 }
 
 impl Search<'_> {
-    /// Of all samples but those in which something is touched.
+    /// Fits all samples except those in `touched`.
     pub(super) fn run(
         &self,
         touched: Touched,
@@ -46,7 +46,7 @@ impl Search<'_> {
         let turning = vec![TURNING; self.robot.n_joints()];
         let mut settings =
             RegressionSettings { window_s: WINDOWS_S[0], delay_s: 0.0, turning, touched };
-        // Speeds that are known come first: with the shortest windows a slow clock gives none.
+        // Windows that give speeds are preferred: at a low sampling rate, the shortest ones give none.
         let mut best = ([true; 2], f64::INFINITY);
         let tried = WINDOWS_S.map(|window_s| RegressionSettings { window_s, ..settings.clone() });
         WINDOWS_S.iter().try_for_each(|_| unless_stopped())?; // a step of the progress for each
@@ -63,8 +63,8 @@ impl Search<'_> {
             }
         }
         let (mut rows, mut posterior) = self.solve(&settings)?;
-        // Friction that turns late looks like a delay, so both are sought together; the delay by the secant method, for
-        // what its column says of the step that is left falls short of it.
+        // A long presliding distance looks like a delay, so both are searched together. The delay is found by the
+        // secant method, since the regression underestimates the remaining delay.
         let mut last: Option<(f64, f64)> = None;
         let mut has_settled = false;
         for _ in 0..STEPS {

@@ -1,10 +1,10 @@
 //! Samples in which something is touched: the residual of the model of free motion is far larger than usual.
 //!
-//! Whoever guides or meets the arm in a quarter of a log would otherwise be explained as friction and gains, and hide in
-//! that. So samples that are far off are left out step by step, as in least trimmed squares (Rousseeuw and Van Driessen
-//! 2006). The friction of a real arm is far off as well now and then, up to 20 times its usual size; to leave that out
-//! would flatter the model. So nothing is left out unless motion that was held out, without these samples, is predicted
-//! clearly better by a model that does not know them: contacts spoil it, friction does not.
+//! A person who guides the arm during a quarter of a log would otherwise be fitted by friction and gains, and the
+//! residual would not show it. So outliers are left out step by step, as in least trimmed squares (Rousseeuw and Van
+//! Driessen 2006). Friction of a real arm causes outliers too, up to 20 times the usual residual, and leaving these out
+//! would make the model look better than it is. So samples are left out only if the other held-out motion is predicted
+//! clearly better by a model that was learned without them: this is so for contacts, but not for friction.
 
 use rayon::prelude::*;
 
@@ -16,26 +16,29 @@ use crate::upper_median::upper_median;
 
 /// Half of the time that residuals are averaged over, s.
 const HALF_WINDOW_S: f64 = 0.1;
-/// Mean residuals, relative to their usual size, that are suspect, and up to where their surroundings are.
+/// Mean residual, in robust standard deviations, above which a sample is suspect.
 const SUSPECT: f64 = 5.0;
+/// Neighbours of a suspect sample are suspect too while their mean residual is above this.
 const END: f64 = 3.0;
-/// The part of the samples that is left out at first, and that may be left out at most: of more it is not known which is the
-/// motion that is free.
+/// The fraction of the samples that is left out in the first steps, or whenever more than [`MOST`] are suspect.
 const FIRST: f64 = 0.4;
+/// Largest fraction of suspect samples: with more, it is unclear which part is the free motion.
 const MOST: f64 = 0.5;
-/// Residual of motion that was held out, relative to that of all samples, if leaving out is to pay.
+/// Samples are left out only if this reduces the residual on held-out motion to this fraction or less.
 const BETTER: f64 = 0.9;
-/// Steps in which the farthest samples are left out, then only those that are suspect; and searches without these.
+/// Steps in which the samples with the largest residuals are left out; after these, only suspect samples are.
 const FIRST_STEPS: usize = 3;
+/// Most steps in all.
 const STEPS: usize = 9;
+/// Most repetitions of the whole search without the suspect samples.
 const SEARCHES: usize = 3;
 /// Median of |x| for a Gaussian x with standard deviation 1.
 pub(super) const MEDIAN: f64 = 0.674_5;
 
-/// Whether a sample is left out, by touch.
+/// Whether each sample is left out, by touch.
 pub(super) type Touched = Vec<Vec<bool>>;
 
-/// The fit again without samples in which something is touched, if there are any.
+/// Repeats the fit without the samples in which something is touched, if there are any.
 pub(super) fn leave_out(
     search: &Search<'_>,
     mut all: Fit,
@@ -61,8 +64,8 @@ pub(super) fn leave_out(
     Ok(fit)
 }
 
-/// Samples that are suspect: of a model that was found without them, at first without those that are farthest off. The rows
-/// are then without them, too.
+/// The suspect samples under a model that is fitted without them; in the first steps it is fitted without the samples
+/// with the largest residuals. The rows of `fit` leave out the same samples afterwards.
 fn suspects(
     fit: &mut Fit,
     search: &Search<'_>,
@@ -83,8 +86,8 @@ fn suspects(
     Ok(found)
 }
 
-/// Root of the sum of squared residuals of motion that was held out but for some samples, over all joints; in N·m as
-/// gains say it.
+/// Root of the sum of squared residuals on held-out motion without the samples in `but`, over all joints; each joint is
+/// divided by its gain, so that it is in N·m.
 fn held_out_residual(fit: &Fit, search: &Search<'_>, but: &Touched) -> f64 {
     let Fit { rows, posterior, .. } = fit;
     let model = |fold: usize| Posterior::of_independent(rows, &rows.without(fold), search.start);
@@ -93,8 +96,7 @@ fn held_out_residual(fit: &Fit, search: &Search<'_>, but: &Touched) -> f64 {
     (0..rows.n_joints()).map(of_joint).sum::<f64>().sqrt()
 }
 
-/// How far off each row is: the mean residual around it, relative to its usual size, in the joint where that is
-/// largest.
+/// For each row, the mean residual around it in robust standard deviations, largest over the joints.
 fn distances(rows: &Rows, posterior: &Posterior) -> Vec<f64> {
     let mut largest = vec![0.0_f64; rows.len()];
     for j in 0..rows.n_joints() {
@@ -109,7 +111,7 @@ fn distances(rows: &Rows, posterior: &Posterior) -> Vec<f64> {
     largest
 }
 
-/// The samples that are farthest off.
+/// The [`FIRST`] part of the samples with the largest residuals.
 fn farthest(rows: &Rows, distances: &[f64]) -> Touched {
     let mut order: Vec<usize> = (0..distances.len()).collect();
     order.sort_by(|a, b| distances[*b].total_cmp(&distances[*a]));
@@ -117,7 +119,7 @@ fn farthest(rows: &Rows, distances: &[f64]) -> Touched {
     samples_of(rows, order.into_iter())
 }
 
-/// Samples that are suspect, with their surroundings; the farthest if there are too many.
+/// The suspect samples with their neighbours, or [`farthest`] if they are more than [`MOST`].
 fn far_off(rows: &Rows, distances: &[f64]) -> Touched {
     let touch = |row: usize| rows.samples(row).0;
     let numbers: Vec<usize> = (0..distances.len()).collect();
@@ -138,13 +140,13 @@ fn samples_of(rows: &Rows, which: impl Iterator<Item = usize>) -> Touched {
     found
 }
 
-/// Whether it is the same but for a hundredth of the samples.
+/// Whether at most 1 % of the samples differ.
 fn is_near(touched: &Touched, other: &Touched) -> bool {
     let each = || touched.iter().flatten().zip(other.iter().flatten());
     100 * each().filter(|(a, b)| a != b).count() <= each().count()
 }
 
-/// The part of all samples, 0 to 1.
+/// The fraction of all samples that is left out, 0 to 1.
 pub(super) fn part(touched: &Touched) -> f64 {
     let samples = || touched.iter().flatten();
     samples().filter(|touched| **touched).count() as f64 / samples().count().max(1) as f64

@@ -1,4 +1,4 @@
-//! Draws of frames.
+//! Subsets and random order of frames.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::Rng;

@@ -1,20 +1,20 @@
-//! Why a regression cannot learn.
+//! Errors of the regressions.
 
-/// Why nothing could be learnt from frames.
+/// Why a regression could not be fitted.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum RegressionError {
-    /// Nothing to learn from.
+    /// No frames.
     #[error("there is no frame to learn torques from: no touch leaves its contact-free start")]
     NoFrames,
-    /// A method that is not there.
+    /// A method that is not in this build.
     #[error("networks and Gaussian processes need the feature `regression`")]
     NotBuilt,
-    /// A value that is no number.
+    /// A value that is not finite.
     #[error("the {what} of joint {joint} in frame {frame} is {found}; wanted a finite number")]
     NotFinite { what: &'static str, joint: usize, frame: usize, found: f64 },
-    /// A kernel that makes frames exact copies of each other.
+    /// A kernel matrix that cannot be factorised.
     #[error(
         "the kernel matrix of {frames} frames cannot be factorised at a noise variance of \
          {noise_variance:e}; it needs more noise"

@@ -1,4 +1,4 @@
-//! What a regression learns from, and what it can do then.
+//! Training frames of a regression, and the trait of a fitted one.
 
 use std::ops::Range;
 
@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 
 use super::error::RegressionError;
 
-/// Without whole touches to hold out, one frame in this many is: the last ones.
+/// The inverse of the held-out share: one touch in five, or the last fifth of a single touch.
 pub(super) const HELD_OUT: usize = 5;
 
 /// Frames to learn from: joint positions in, external torques out.
@@ -20,7 +20,7 @@ pub struct Frames {
     pub touch: Vec<usize>,
 }
 
-/// What has learnt to predict torques.
+/// A fitted regression of torques.
 pub trait Regressor {
     /// Predicts external torques, n_joints × frames, N·m, at positions `q`, n_joints × frames, rad.
     ///
@@ -36,12 +36,12 @@ impl Frames {
         self.q.ncols()
     }
 
-    /// Whether there is nothing to learn from.
+    /// Whether there are no frames or no joints.
     pub fn is_empty(&self) -> bool {
         self.q.is_empty() || self.tau.is_empty()
     }
 
-    /// Refuses what cannot be learnt from.
+    /// Refuses frames that are empty or not finite.
     pub(super) fn check(&self) -> Result<(), RegressionError> {
         assert_eq!(self.q.ncols(), self.tau.ncols(), "torques for every frame");
         assert_eq!(self.q.ncols(), self.touch.len(), "a touch for every frame");
@@ -68,8 +68,8 @@ impl Frames {
         }
     }
 
-    /// Parts that may be held out to see how well the rest predicts them: every touch, as the test
-    /// will be a whole touch too; of a single touch its end; nothing of a handful of frames.
+    /// Parts that can be held out for validation: each touch, since a test touch is a whole touch too;
+    /// the end of a single touch; none with fewer than [`HELD_OUT`] frames of a single touch.
     pub(super) fn parts(&self) -> Vec<Range<usize>> {
         let mut end = 0;
         let part = |touch: &[usize]| {
@@ -93,7 +93,7 @@ pub(super) mod tests {
 
     use super::*;
 
-    /// A smooth map of two joints to two torques, in some touches; one draw, the same every time.
+    /// Frames of a smooth function of two joints to two torques, divided into touches; the same every time.
     pub(in crate::regression) fn surface(frames: usize, touches: usize) -> Frames {
         let mut rng = ChaCha8Rng::seed_from_u64(11);
         let mut uniform = || 4.0 * f64::from(rng.next_u32()) / f64::from(u32::MAX) - 2.0;

@@ -1,8 +1,8 @@
-//! A Gaussian process, exact on all frames that it keeps.
+//! An exact Gaussian process on at most 2,500 frames.
 //!
-//! The kernel's hyperparameters are the likeliest ones of a random subset of frames; the
-//! prediction is `k(q)ᵀ K⁻¹ Y` of the frames themselves. Only the mean is computed: the
-//! table has no use for the variance.
+//! The kernel's hyperparameters maximise the marginal likelihood of a random subset of frames; the
+//! prediction is `k(q)ᵀ K⁻¹ Y` over all kept frames. Only the mean is computed: the evaluation does
+//! not use the variance.
 
 use nalgebra::DMatrix;
 use rand_chacha::ChaCha8Rng;
@@ -14,13 +14,13 @@ use super::frames::{Frames, Regressor};
 use super::kernel::{Kernel, likeliest};
 use super::scale::Scales;
 
-/// Frames that are kept, evenly thinned; time grows with the cube, memory with the square.
+/// Most frames that are kept, evenly thinned; time grows with the cube, memory with the square.
 const MAX_FRAMES: usize = 2_500;
-/// Frames, drawn at random, whose likelihood chooses the kernel.
+/// Number of random frames whose likelihood chooses the kernel.
 const LIKELIHOOD_FRAMES: usize = 400;
-/// Kernels that are tried on the way to the likeliest.
+/// Steps of the search for the kernel.
 const STEPS: usize = 80;
-/// Seed of the draw.
+/// Seed of the random frames.
 const SEED: u64 = 0;
 
 /// A Gaussian process of torques over joint positions.
@@ -28,7 +28,7 @@ const SEED: u64 = 0;
 pub struct Gp {
     scales: Scales,
     kernel: Kernel,
-    /// Kept positions in length scales, n_joints × frames.
+    /// Kept positions divided by the length scales, n_joints × frames.
     scaled: DMatrix<f64>,
     /// `K⁻¹Y`, n_joints × frames.
     weights: DMatrix<f64>,
@@ -36,9 +36,9 @@ pub struct Gp {
 }
 
 impl Gp {
-    /// Chooses the kernel that makes the frames likeliest, then fits all of them.
+    /// Chooses the kernel of maximum likelihood, then fits the frames.
     ///
-    /// Cost: O(frames³) up to 2,500 frames, of which more are thinned.
+    /// Cost: O(frames³) up to 2,500 frames; more frames are thinned to 2,500.
     ///
     /// # Errors
     ///
@@ -47,7 +47,7 @@ impl Gp {
         Self::fit_some(frames, MAX_FRAMES, LIKELIHOOD_FRAMES)
     }
 
-    /// Fits so many frames, of which so many choose the kernel.
+    /// Fits at most `max_frames` frames; the kernel is chosen on at most `likelihood_frames` of them.
     pub(super) fn fit_some(
         frames: &Frames,
         max_frames: usize,
@@ -63,18 +63,18 @@ impl Gp {
         Self::with_kernel(&kept, kernel)
     }
 
-    /// Fits all frames with a kernel that is known.
+    /// Fits all frames with a given kernel.
     ///
     /// Cost: O(frames³).
     ///
     /// # Errors
     ///
-    /// Without frames, with values that are not finite, with a kernel that cannot be factorised: out
-    /// of its range, or with too little noise.
+    /// Without frames, with values that are not finite, or if the kernel matrix cannot be factorised:
+    /// the kernel is not finite, or has too little noise.
     ///
     /// # Panics
     ///
-    /// If the kernel has not one length scale for every joint.
+    /// If the kernel does not have one length scale for every joint.
     pub fn with_kernel(frames: &Frames, kernel: Kernel) -> Result<Self, RegressionError> {
         frames.check()?;
         let scales = Scales::of(frames);

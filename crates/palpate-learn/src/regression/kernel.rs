@@ -1,8 +1,8 @@
-//! The covariance of a Gaussian process, and how likely it makes what was seen.
+//! The covariance of a Gaussian process, and its marginal likelihood.
 //!
-//! Between standardised positions a and b it is `s² exp(−½ Σ_d (a_d − b_d)²/ℓ_d²)`, plus `σ²`
-//! where they are the same frame. All joints' torques share it: one factorisation serves them all,
-//! and the likelihoods of the joints multiply.
+//! The covariance of standardised positions a and b is `s² exp(−½ Σ_d (a_d − b_d)²/ℓ_d²)`, plus `σ²`
+//! if they are the same frame. The torques of all joints share it: one factorisation serves all,
+//! and the likelihoods of the joints are multiplied.
 //!
 //! With `A = K⁻¹Y` for m joints the gradient of the log marginal likelihood is
 //! `½ tr((AAᵀ − m K⁻¹) ∂K)` (Rasmussen and Williams, Eq. 5.9, summed over joints).
@@ -13,27 +13,27 @@ use nalgebra::DMatrix;
 
 use super::error::RegressionError;
 
-/// Logarithms of hyperparameters stay within this of 0: a factor of 3,000 either way.
+/// Bound of the absolute logarithms of hyperparameters: a factor of 3,000 in both directions.
 const LOG_RANGE: f64 = 8.0;
 
-/// The search begins with this noise variance, and 1 for everything else.
+/// Noise variance at the start of the search; all other hyperparameters start at 1.
 const BEGIN_NOISE: f64 = 0.01;
 
-/// The smallest noise that is tried: less would make matrices that cannot be factorised.
+/// Logarithm of the smallest noise variance: with less, matrices might not be factorisable.
 const LOG_NOISE_FROM: f64 = -14.0;
 
 /// Squared-exponential covariance with noise, of standardised positions and torques.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Kernel {
-    /// Variance of the torques that it explains, in variances of each joint's.
+    /// Variance s² that depends on the position, of standardised torques.
     pub signal_variance: f64,
-    /// Variance of what no position explains, in the same unit.
+    /// Variance σ² of the noise, of standardised torques.
     pub noise_variance: f64,
-    /// How far a joint moves until torques are others, in deviations of its position, n_joints.
+    /// Length scales ℓ, n_joints, in standard deviations of the joint's position.
     pub length_scales: Vec<f64>,
 }
 
-/// A kernel matrix K, factorised, and the weights that it gives the frames.
+/// A factorised kernel matrix K, and the weights of the frames.
 pub(super) struct Solved {
     factor: Llt<f64>,
     /// `Aᵀ = (K⁻¹Y)ᵀ`, n_joints × frames.
@@ -41,7 +41,7 @@ pub(super) struct Solved {
 }
 
 impl Kernel {
-    /// Positions in length scales, n_joints × frames.
+    /// Positions divided by the length scales, n_joints × frames.
     pub(super) fn scaled(&self, z: &DMatrix<f64>) -> DMatrix<f64> {
         assert_eq!(self.length_scales.len(), z.nrows(), "a length scale for every joint");
         DMatrix::from_fn(z.nrows(), z.ncols(), |row, frame| {
@@ -49,13 +49,13 @@ impl Kernel {
         })
     }
 
-    /// Covariance without noise of two positions in length scales.
+    /// Covariance without noise of two scaled positions.
     pub(super) fn covariance(&self, a: &[f64], b: &[f64]) -> f64 {
         let squares: f64 = a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum();
         self.signal_variance * (-0.5 * squares).exp()
     }
 
-    /// Solves for torques `y`, n_joints × frames, at positions in length scales.
+    /// Solves for torques `y`, n_joints × frames, at scaled positions.
     pub(super) fn solve(
         &self,
         scaled: &DMatrix<f64>,
@@ -65,7 +65,7 @@ impl Kernel {
         let position =
             |frame: usize| &scaled.as_slice()[frame * scaled.nrows()..][..scaled.nrows()];
         let lower = Mat::from_fn(frames, frames, |row, column| match row.checked_sub(column) {
-            None => 0.0, // the upper triangle is not looked at
+            None => 0.0, // the upper triangle is not used
             Some(0) => self.covariance(position(row), position(row)) + self.noise_variance,
             Some(_) => self.covariance(position(column), position(row)),
         });
@@ -79,7 +79,7 @@ impl Kernel {
         Ok(Solved { factor, weights })
     }
 
-    /// By the logarithms of signal variance, noise variance and length scales.
+    /// From the logarithms of signal variance, noise variance and length scales.
     fn from_logs(logs: &[f64]) -> Self {
         Self {
             signal_variance: logs[0].exp(),
@@ -127,7 +127,7 @@ fn likelihood(
                 *square = (scaled[(joint, row)] - scaled[(joint, column)]).powi(2);
             }
             let covariance = (-0.5 * squares.iter().sum::<f64>()).exp() * kernel.signal_variance;
-            // Entries off the diagonal stand for two, which takes up the ½ of the trace.
+            // Off-diagonal entries count twice, which cancels the ½ of the trace.
             let half = if row == column { 0.5 } else { 1.0 };
             gradient[0] += half * slope * covariance;
             for (gradient, square) in gradient[2..].iter_mut().zip(&squares) {
@@ -141,13 +141,13 @@ fn likelihood(
     Ok((log_likelihood, gradient))
 }
 
-/// The kernel that makes torques likeliest, among those whose logarithms stay in range.
+/// The kernel of maximum likelihood, with logarithms of hyperparameters in range.
 ///
-/// Ascends by the gradient's signs alone (Rprop): every hyperparameter has a step of its own, which
-/// grows while its slope keeps its sign and shrinks when it turns. A kernel that cannot be
+/// Ascends by the signs of the gradient alone (Rprop): every hyperparameter has its own step, which
+/// grows while its derivative keeps the sign and shrinks when the sign changes. A kernel that cannot be
 /// factorised ends the search.
 ///
-/// Cost: O(`steps` · frames³), 10 ms a step for 400 frames.
+/// Cost: O(`steps` · frames³), 10 ms per step for 400 frames.
 pub(super) fn likeliest(
     z: &DMatrix<f64>,
     y: &DMatrix<f64>,
@@ -172,7 +172,7 @@ pub(super) fn likeliest(
             let turned = slope * before[index] < 0.0;
             let factor = if turned { 0.5 } else { 1.2 };
             strides[index] = f64::clamp(strides[index] * factor, 1e-6, 1.0);
-            // After a turn it stands still once, and goes on in the new direction next time.
+            // After a change of sign there is no step this time; the next one goes in the new direction.
             before[index] = if turned { 0.0 } else { *slope };
             let from = if index == 1 { LOG_NOISE_FROM } else { -LOG_RANGE };
             let moved = logs[index] + strides[index] * sign(before[index]);
@@ -222,7 +222,7 @@ mod tests {
     #[test]
     fn the_likeliest_kernel_is_flat_in_every_direction() {
         let (z, y) = data();
-        // Noise is the only one that the surface, which has none, pushes against its limit.
+        // The surface has no noise, so the noise variance alone is at its limit.
         let kernel = likeliest(&z, &y, 200).unwrap();
         let begin = Kernel::from_logs(&[0.0, BEGIN_NOISE.ln(), 0.0, 0.0]);
         let (value, gradient) = likelihood(&kernel, &z, &y).unwrap();

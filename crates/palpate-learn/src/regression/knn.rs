@@ -1,9 +1,9 @@
-//! The mean of the nearest frames, near ones weighing more.
+//! Weighted mean of the nearest frames.
 //!
-//! A neighbour at distance `d` in standardised positions weighs `exp(−d²/2ℓ²)`. Weights count only
-//! against each other, so they are taken relative to the nearest neighbour's: it weighs 1 however
-//! far it is, and for `ℓ → 0`, or a query far from everything, its torque is the prediction,
-//! where plain weights would all underflow and leave 0/0.
+//! A neighbour at distance `d` in standardised positions has the weight `exp(−d²/2ℓ²)`. Weights are
+//! taken relative to that of the nearest neighbour, which therefore has the weight 1. So for `ℓ → 0`,
+//! or a query far from all frames, the prediction is the torque of the nearest neighbour, where plain
+//! weights would all underflow to 0.
 
 use std::ops::Range;
 
@@ -14,12 +14,12 @@ use super::error::RegressionError;
 use super::frames::{Frames, Regressor};
 use super::scale::Scale;
 
-/// Neighbours that are averaged.
+/// Number of neighbours that are averaged.
 const NEIGHBOURS: usize = 50;
-/// Frames that are predicted, each without its own touch, to choose the length scale.
+/// About the most frames that are predicted, each without its own touch, to choose the length scale.
 const MAX_QUERIES: usize = 1_000;
 
-/// Frames that are looked up.
+/// Training frames and settings of a k-nearest-neighbour regression.
 #[derive(Debug, Clone)]
 pub struct Knn {
     scale: Scale,
@@ -35,8 +35,8 @@ pub struct Knn {
 type Neighbour = (f64, usize);
 
 impl Knn {
-    /// Keeps frames, and chooses the length scale with which they predict each other best, each
-    /// touch without itself (of a single touch, its end from the rest).
+    /// Keeps frames, and chooses the length scale by cross-validation: each touch is predicted from
+    /// the others (of a single touch, its end from the rest).
     ///
     /// Cost: O(frames), 25 ms for 3,600 of them.
     ///
@@ -44,22 +44,21 @@ impl Knn {
     ///
     /// Without frames, with values that are not finite.
     pub fn fit(frames: &Frames) -> Result<Self, RegressionError> {
-        // From closer than a frame to the next, to farther than the whole set.
+        // From less than the distance of neighbouring frames to more than that of all frames.
         let length_scales = (-10..=6).map(|exponent| 2f64.powf(f64::from(exponent) / 2.0));
         let mut knn = Self::with_length_scale(frames, NEIGHBOURS, 1.0)?;
         knn.choose(frames, &length_scales.collect::<Vec<f64>>());
         Ok(knn)
     }
 
-    /// Chooses the best of some length scales, in deviations of the joint positions.
+    /// Chooses the best of these length scales, in standard deviations of the joint positions.
     fn choose(&mut self, frames: &Frames, length_scales: &[f64]) {
         let losses = self.losses(frames, length_scales);
         let best = length_scales.iter().zip(losses).min_by(|a, b| a.1.total_cmp(&b.1));
         self.length_scale = best.map_or(self.length_scale, |(length_scale, _)| *length_scale);
     }
 
-    /// Keeps frames, to be looked up with a length scale that is known, in deviations of the
-    /// joint positions.
+    /// Keeps frames, with a given length scale in standard deviations of the joint positions.
     ///
     /// # Errors
     ///
@@ -81,8 +80,8 @@ impl Knn {
         Ok(Self { scale, z, tau: frames.tau.clone(), neighbours, length_scale })
     }
 
-    /// Summed squared errors, (N·m)², of frames that are predicted without their own part, for
-    /// each length scale.
+    /// For each length scale, the sum of squared errors, (N·m)², of frames that are predicted without
+    /// their own part ([`Frames::parts`]).
     fn losses(&self, frames: &Frames, length_scales: &[f64]) -> Vec<f64> {
         let mut losses = vec![0.0; length_scales.len()];
         let parts = frames.parts();
@@ -111,7 +110,7 @@ impl Knn {
             })
             .collect();
         if near.len() > self.neighbours {
-            // Frames at the same distance are ordered by their number.
+            // Frames at the same distance are ordered by their index.
             let order = |a: &Neighbour, b: &Neighbour| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
             near.select_nth_unstable_by(self.neighbours, order);
             near.truncate(self.neighbours);
@@ -182,8 +181,8 @@ mod tests {
 
     #[test]
     fn the_length_scale_is_the_one_that_predicts_touches_from_each_other() {
-        // Two touches go through the same positions and differ by noise of alternating sign: only
-        // wide weights average it. A touch that saw its own frames would want narrow ones.
+        // Two touches have the same positions and differ by noise of alternating sign, which only a
+        // large length scale averages. With the touch itself among the neighbours, a small one would win.
         let q = DMatrix::from_fn(1, 200, |_, frame| (frame % 100) as f64);
         let tau = DMatrix::from_fn(1, 200, |_, frame| {
             let touch = frame / 100;

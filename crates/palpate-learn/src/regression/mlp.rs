@@ -1,10 +1,9 @@
-//! A perceptron with two hidden layers, trained by Adam on mini-batches.
+//! A multilayer perceptron with two hidden layers, trained by Adam on mini-batches.
 //!
-//! Touches that are held out of the training frames stop the training early, and the weights of the
-//! best epoch are kept. They also choose how strongly weights decay: a few touches say little of the
-//! joint positions between them, and without decay a network predicts large torques where it has
-//! learnt nothing. The network itself, its gradient and its arrangement in memory are in
-//! [`network`](super::network).
+//! Training stops early by the loss on held-out training touches, and the weights of the best epoch
+//! are kept. The same loss chooses the weight decay: joint positions between a few touches are not
+//! in the data, and without decay a network predicts large torques there. The network itself, its
+//! gradient and its memory layout are in [`network`](super::network).
 
 use std::ops::Range;
 
@@ -21,54 +20,54 @@ use super::scale::Scales;
 
 /// Units of each of the two hidden layers.
 const HIDDEN: usize = 128;
-/// Adam's step length.
+/// Learning rate of Adam.
 const LEARNING_RATE: f64 = 1e-3;
-/// Decays of weights to choose from, per step of length 1 (decoupled from the gradient).
+/// Weight decays to choose from (decoupled from the gradient); each step shrinks weights by learning rate × decay.
 const WEIGHT_DECAYS: [f64; 3] = [0.0, 1.0, 10.0];
-/// The most passes over the training frames.
+/// Most passes over the training frames.
 const EPOCHS: usize = 150;
-/// Seed of the first weights, of the touches held out, and of the order of frames.
+/// Seed of the initial weights, of the held-out touches, and of the order of frames.
 const SEED: u64 = 0;
 
-/// A network that has learnt torques.
+/// A trained network.
 #[derive(Debug, Clone)]
 pub struct Mlp {
     scales: Scales,
     network: Network,
 }
 
-/// Frames in the network's numbers, and which of them are for what.
+/// Standardised frames, their division, and the settings of a training.
 #[derive(Debug)]
 struct Lesson {
     /// Standardised positions and torques of all frames, n_joints × frames.
     x: Mat<f32>,
     y: Mat<f32>,
-    /// Frames to learn from.
+    /// Indices of the training frames.
     learnt: Vec<usize>,
-    /// Frames that say how well it was learnt.
+    /// Indices of the validation frames.
     held_out: Vec<usize>,
     /// Frames in a mini-batch.
     batch: usize,
-    /// Passes without improvement on the frames held out, after which training stops.
+    /// Training stops after more than this number of epochs without improvement on the validation frames.
     patience: usize,
 }
 
-/// A training that came to its end.
+/// The result of a training.
 #[derive(Debug)]
 struct Trained {
     /// The network of the best epoch.
     network: Network,
-    /// Loss on the frames held out after every epoch.
+    /// Loss on the validation frames after every epoch.
     losses: Vec<f64>,
-    /// The least of them.
+    /// The least of these losses.
     loss: f64,
 }
 
 impl Mlp {
     /// Trains a network; a fifth of the touches (of a single touch, its last fifth) is held out to
-    /// choose the best epoch and the best decay of weights.
+    /// choose the best epoch and the best weight decay.
     ///
-    /// Cost: 5 ms an epoch of 3,600 frames, of which there are up to 150 for each of three decays.
+    /// Cost: 5 ms for an epoch of 3,600 frames; up to 150 epochs for each of three decays.
     ///
     /// # Errors
     ///
@@ -95,7 +94,7 @@ impl Mlp {
     }
 }
 
-/// Trains until the loss on the frames held out has not improved for a while.
+/// Trains until the loss on the validation frames has stopped improving (`patience`).
 fn train(lesson: &Lesson, mut network: Network, weight_decay: f64, mut rng: ChaCha8Rng) -> Trained {
     let data = (&lesson.x, &lesson.y);
     let mut order = lesson.learnt.clone();
@@ -107,7 +106,7 @@ fn train(lesson: &Lesson, mut network: Network, weight_decay: f64, mut rng: ChaC
     let mut since = 0;
     while best.losses.len() < EPOCHS && since <= lesson.patience {
         shuffle(&mut order, &mut rng);
-        // The few frames that do not fill a batch wait for another epoch.
+        // The last frames, which do not fill a batch, are left out in this epoch.
         for drawn in order.chunks_exact(frames) {
             let gradient = batch.gradient(&network, data, drawn);
             adam.step(&mut network.weights, gradient);
@@ -141,21 +140,21 @@ fn hold_out(parts: &[Range<usize>], rng: &mut ChaCha8Rng) -> Vec<Range<usize>> {
     drawn.into_iter().map(|part| parts[part].clone()).collect()
 }
 
-/// The same numbers in single precision.
+/// Converts a matrix to single precision.
 fn columns(matrix: &DMatrix<f64>) -> Mat<f32> {
     Mat::from_fn(matrix.nrows(), matrix.ncols(), |row, frame| matrix[(row, frame)] as f32)
 }
 
-/// Gradient descent with a step length for every weight (Kingma and Ba), and decay
-/// that the gradient does not see (Loshchilov and Hutter).
+/// Adam (Kingma and Ba): gradient descent with a step length for every weight, with decoupled weight
+/// decay (Loshchilov and Hutter).
 #[derive(Debug)]
 struct Adam {
     learning_rate: f32,
-    /// What a step leaves of a weight.
+    /// Factor by which weight decay shrinks a weight in each step.
     left: f32,
     /// Running means of the gradient and of its squares, per weight.
     moments: Vec<(f32, f32)>,
-    /// What is still missing in the running means, which began at 0.
+    /// `1 − ` the bias corrections of the running means, which start at 0.
     missing: (f32, f32),
 }
 
@@ -205,7 +204,7 @@ mod tests {
 
     #[test]
     fn stopping_early_restores_the_best_epoch() {
-        // Torques that are drawn by lot: what is learnt of some frames is wrong of the others.
+        // Torques are permuted, so that what is learnt from some frames is wrong for the others.
         let mut frames = surface(60, 5);
         frames.tau = frames.tau.select_columns(&(0..60).map(|f| f * 37 % 60).collect::<Vec<_>>());
         let numbers = |matrix: &DMatrix<f64>| columns(&Scale::of(matrix).standardised(matrix));

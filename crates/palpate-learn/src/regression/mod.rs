@@ -1,17 +1,16 @@
 //! External torques from joint angles alone: the paper's three baselines (Sec. III-A).
 //!
-//! `Mlp`, `Gp` (both with the feature `regression`) and [`Knn`] learn `q ↦ τ` from frames, without a robot model, without contacts,
-//! and without an order in time. Whatever they choose for themselves (length scales, noise, when to
-//! stop) they choose from the frames that they are given, so that a touch under test stays unseen.
+//! `Mlp`, `Gp` (both with the feature `regression`) and [`Knn`] learn `q ↦ τ` from frames, without a robot model,
+//! contacts, or order in time. They choose their hyperparameters (length scales, noise, when to stop) on the
+//! training frames alone, so that a touch under test stays unseen.
 //!
-//! Positions are standardised to mean 0 and deviation 1 of the training frames, each joint by its
-//! own; torques, where it matters, by one deviation for all joints, as errors are counted. Angles are
-//! taken as they are: one that wraps is for the caller to unwrap. A fit runs on one thread and gives
-//! the same bits every time; folds may run side by side.
+//! Positions are standardised to mean 0 and standard deviation 1 over the training frames, joint by joint; torques,
+//! where it matters, by one standard deviation for all joints, since errors of all joints count alike. The caller
+//! unwraps continuous joints. A fit runs on one thread and is reproducible bit by bit; folds can run in parallel.
 
 mod draw;
 mod error;
-#[cfg_attr(not(feature = "regression"), allow(dead_code))] // what the others use
+#[cfg_attr(not(feature = "regression"), allow(dead_code))] // partly used by `gp` and `mlp` only
 mod frames;
 #[cfg(feature = "regression")]
 mod gp;
@@ -22,7 +21,7 @@ mod knn;
 mod mlp;
 #[cfg(feature = "regression")]
 mod network;
-#[cfg_attr(not(feature = "regression"), allow(dead_code))] // what the others use
+#[cfg_attr(not(feature = "regression"), allow(dead_code))] // partly used by `gp` and `mlp` only
 mod scale;
 
 pub(crate) use draw::shuffle;
@@ -50,7 +49,7 @@ mod tests {
         let two = |frames: &Frames| -> [DMatrix<f64>; 3] {
             [
                 Knn::fit(frames).unwrap().predict(&query),
-                // Fewer than there are choose the kernel, so that the draw matters.
+                // The kernel is chosen on fewer frames than there are, so that the random choice matters.
                 Gp::fit_some(frames, frames.len(), 20).unwrap().predict(&query),
                 Mlp::fit(frames).unwrap().predict(&query),
             ]

@@ -1,8 +1,8 @@
 //! A feed-forward network of rectified layers, its loss and the loss's gradient.
 //!
-//! Columns are frames. Every layer sees one more row, which is always 1: its bias is the last
-//! column of its weights. All weights lie in one slice, layer by layer, column-major, so that an
-//! optimiser need not know of layers.
+//! Columns are frames. The input of every layer has one more row, which is always 1: the layer's
+//! bias is the last column of its weights. All weights are in one slice, layer by layer,
+//! column-major, so that the optimiser needs no layers.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
@@ -16,18 +16,18 @@ pub(super) struct Network {
     pub(super) weights: Vec<f32>,
 }
 
-/// What flows forwards and backwards through a network for some frames at once.
+/// Buffers of the forward and the backward pass for a batch of frames.
 #[derive(Debug)]
 pub(super) struct Activations {
-    /// Of every layer but the last (size + 1) × frames, the last row 1; of the last, size × frames.
+    /// Outputs of each layer: (size + 1) × frames, the last row 1; of the last layer, size × frames.
     values: Vec<Mat<f32>>,
-    /// The loss's derivatives by what enters each layer's rectifier, size × frames.
+    /// Derivatives of the loss by the inputs of each layer's rectifier, size × frames.
     deltas: Vec<Mat<f32>>,
     gradient: Vec<f32>,
 }
 
 impl Network {
-    /// Weights drawn so that signals keep their size (He), biases 0.
+    /// Random weights with He initialisation, biases 0.
     pub(super) fn random(sizes: &[usize], rng: &mut ChaCha8Rng) -> Self {
         let mut weights = Vec::new();
         for pair in sizes.windows(2) {
@@ -54,7 +54,7 @@ fn place(sizes: &[usize], layer: usize) -> (usize, usize, usize) {
 }
 
 impl Activations {
-    /// Room for some frames in a network.
+    /// Buffers for this number of frames.
     pub(super) fn new(network: &Network, frames: usize) -> Self {
         let sizes = &network.sizes;
         let last = sizes.len() - 1;
@@ -163,7 +163,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         let mut network = Network::random(&[3, 6, 5, 2], &mut rng);
         let mut uniform = || 2.0 * (rng.next_u32() as f32 / u32::MAX as f32) - 1.0;
-        // Biases too, so that no derivative is one of zero.
+        // Biases are changed too, so that no derivative is zero.
         network.weights.iter_mut().for_each(|weight| *weight += 0.2 * uniform());
         let x = Mat::from_fn(3, 8, |_, _| uniform());
         let y = Mat::from_fn(2, 8, |_, _| uniform());
@@ -171,7 +171,7 @@ mod tests {
         let mut activations = Activations::new(&network, drawn.len());
         let gradient = activations.gradient(&network, (&x, &y), &drawn).to_vec();
 
-        let step = 5e-4; // short enough for no rectifier to turn in between
+        let step = 5e-4; // short enough that no rectifier switches in between
         for (index, slope) in gradient.iter().enumerate() {
             let mut at = |nudge: f32| {
                 let mut nudged = network.clone();

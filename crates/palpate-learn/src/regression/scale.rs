@@ -1,19 +1,19 @@
-//! Scaling of positions and torques before a regression sees them.
+//! Standardisation of positions and torques before a regression.
 
 use nalgebra::DMatrix;
 
 use super::frames::Frames;
 
-/// Mean and deviation of every row of some training frames.
+/// Mean and standard deviation of every row (joint) of training frames.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Scale {
     mean: Vec<f64>,
-    /// 0 for a row that is constant but for rounding.
+    /// 0 for a row that is constant up to rounding.
     pub(super) deviation: Vec<f64>,
 }
 
 impl Scale {
-    /// Of a matrix with a column a frame.
+    /// Mean and deviation of each row of a matrix with one column per frame.
     pub(super) fn of(frames: &DMatrix<f64>) -> Self {
         let n = frames.ncols() as f64;
         let mean: Vec<f64> = frames.row_iter().map(|row| row.sum() / n).collect();
@@ -26,10 +26,10 @@ impl Scale {
         Self { mean, deviation }
     }
 
-    /// Of torques, a row a joint: one deviation for all, the root mean square of theirs.
+    /// The scale of torques, one row per joint: one deviation for all joints, the root mean square of theirs.
     ///
-    /// Errors are counted in N·m, whichever joint they are of, and sensors are about equally noisy.
-    /// To give every joint a deviation of 1 would blow up the noise of those that feel nothing.
+    /// Errors of all joints count alike in N·m, and sensors are about equally noisy. A deviation of 1
+    /// for every joint would amplify the noise of joints that measure almost no torque.
     pub(super) fn of_torques(tau: &DMatrix<f64>) -> Self {
         let Self { mean, deviation } = Self::of(tau);
         let squares: f64 = deviation.iter().map(|deviation| deviation * deviation).sum();
@@ -37,7 +37,7 @@ impl Scale {
         Self { mean, deviation: vec![common; deviation.len()] }
     }
 
-    /// To mean 0 and deviation 1; a row that was constant becomes 0, whatever it is now.
+    /// Standardises to mean 0 and deviation 1; a row that was constant in training becomes 0.
     pub(super) fn standardised(&self, frames: &DMatrix<f64>) -> DMatrix<f64> {
         assert_eq!(frames.nrows(), self.mean.len(), "as many joints as were learnt from");
         DMatrix::from_fn(frames.nrows(), frames.ncols(), |row, frame| {
@@ -46,7 +46,7 @@ impl Scale {
         })
     }
 
-    /// Back to what was measured.
+    /// The inverse of [`Self::standardised`].
     pub(super) fn restored(&self, standardised: &DMatrix<f64>) -> DMatrix<f64> {
         DMatrix::from_fn(standardised.nrows(), standardised.ncols(), |row, frame| {
             self.mean[row] + self.deviation[row] * standardised[(row, frame)]
@@ -54,7 +54,7 @@ impl Scale {
     }
 }
 
-/// How positions and torques are scaled, learnt from training frames.
+/// Scales of positions and torques, from training frames.
 #[derive(Debug, Clone)]
 pub(super) struct Scales {
     pub(super) positions: Scale,
@@ -66,7 +66,7 @@ impl Scales {
         Self { positions: Scale::of(&frames.q), torques: Scale::of_torques(&frames.tau) }
     }
 
-    /// Standardised positions and torques of some frames.
+    /// Standardised positions and torques of frames.
     pub(super) fn standardised(&self, frames: &Frames) -> [DMatrix<f64>; 2] {
         [self.positions.standardised(&frames.q), self.torques.standardised(&frames.tau)]
     }

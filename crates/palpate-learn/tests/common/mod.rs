@@ -9,15 +9,15 @@ use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, load_arm};
 use palpate_learn::tracked::Touch;
 
-/// Where they are.
+/// Folder of the touches.
 pub(crate) const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../data/plant_a");
 
-/// The arm that made them.
+/// The arm of the touches.
 pub(crate) fn arm() -> Arc<Arm> {
     Arc::new(load_arm("kinova_gen3", &ArmOptions::default()).unwrap().arm)
 }
 
-/// The touches of these numbers.
+/// The touches with these numbers.
 pub(crate) fn touches(numbers: &[usize]) -> Vec<Touch> {
     let read = |number: &usize| {
         let name = format!("seq_{number:03}");

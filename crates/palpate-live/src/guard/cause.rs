@@ -1,4 +1,4 @@
-//! Why the flag is up, in words.
+//! Why the guard's flag is up, with messages for the user.
 
 use std::fmt;
 
@@ -37,14 +37,14 @@ pub enum Cause {
     Untared,
 }
 
-/// Which torque passes the limit.
+/// Which torque exceeds the limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Torque {
-    /// The measured one.
+    /// The measured torque.
     Measured,
-    /// The predicted one.
+    /// The predicted torque.
     Predicted,
-    /// The outer end of the band around the predicted one.
+    /// The outer end of the band around the predicted torque.
     Band,
 }
 

@@ -1,14 +1,14 @@
-//! `--guard`: a flag to stop that is up until it is known to be safe.
+//! `--guard`: a stop flag that is up unless the robot is known to be safe.
 //!
 //! The flag is down only while all of this holds: joint states come and can be used, the mapper keeps
-//! up, a tare is known that gravity explains, and no joint's external torque passes the limit,
-//! neither the measured nor the predicted one. A [`Sentry`] looks at each joint state as it comes in,
-//! before it waits for the mapper; the predicted torque and the tare are the mapper's. Silence is
-//! seen by whoever asks: [`Guard::cause`] is a question about a moment.
+//! up, there is a tare with little bias, and no joint's external torque exceeds the limit, neither
+//! measured nor predicted. A [`Sentry`] checks each joint state on arrival, before it waits for the
+//! mapper; predicted torque and tare come from the mapper. Silence is detected when [`Guard::cause`]
+//! is called.
 //!
-//! The flag comes down by itself once, with the first tare. What raises it after that stays up until
-//! somebody resets the guard: a robot that stopped where it presses must not start again because it
-//! no longer moves.
+//! The flag goes down by itself only once, with the first tare. If it is raised later, it stays up
+//! until the guard is reset: a robot that stopped while pressing on something must not start again
+//! because the torque has dropped.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -25,24 +25,24 @@ mod sentry;
 #[cfg(test)]
 mod tests;
 
-/// When the flag goes up.
+/// Thresholds at which the flag goes up.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct GuardConfig {
-    /// The largest external torque of a joint, N·m (N for a prismatic joint).
+    /// Largest allowed external torque of a joint, N·m (N for a prismatic joint).
     pub limit_n_m: f64,
-    /// The most by which the torques of an arm that stands free may differ from gravity, N·m (N).
-    /// More is a load, or a payload that palpate does not know of: then the tare is refused.
+    /// Largest bias: difference between torque and gravity for an arm at rest without contact, N·m (N).
+    /// If it is exceeded, the arm is loaded or has an unknown payload, and the tare is refused.
     pub bias_limit_n_m: f64,
-    /// The longest time without a joint state that can be used.
+    /// Largest time without a usable joint state.
     pub silence: Duration,
-    /// The longest time that a joint state may wait for the mapper.
+    /// Largest time that a joint state may wait for the mapper.
     pub lag: Duration,
 }
 
 impl GuardConfig {
-    /// For a limit, N·m (N for a prismatic joint), with 0.1 s of silence and 0.25 s of lag. What is
-    /// no load for the limit is none for the tare.
+    /// Thresholds for a limit, N·m (N for a prismatic joint), with 0.1 s of silence and 0.25 s of lag. The
+    /// limit of the bias is the same.
     pub fn new(limit_n_m: f64) -> Self {
         Self {
             limit_n_m,
@@ -53,11 +53,11 @@ impl GuardConfig {
     }
 }
 
-/// Without being asked for, a tare is at most so far from that of the free arm, as a share of the limit: a stop may come later by
-/// as much.
+/// Largest change of an automatic tare from that of the free arm, as a share of the limit; a larger one is refused. The
+/// torque at which the flag goes up may shift by this much.
 const MOST_CHANGE: f64 = 0.5;
 
-/// Watches the external torque. Clones are one guard.
+/// Watches the external torque. All clones share one state.
 #[derive(Debug, Clone)]
 pub struct Guard {
     config: GuardConfig,
@@ -68,32 +68,34 @@ pub struct Guard {
 #[derive(Debug, Default)]
 struct State {
     ended: bool,
-    /// Bias of the measured torques, n_joints, N·m.
+    /// Tare: bias of the measured torques, n_joints, N·m.
     tare: Option<DVector<f64>>,
-    /// The first tare, or the last that somebody asked for.
+    /// Tare of the free arm: the first one, or the last requested one, n_joints, N·m.
     free: Option<DVector<f64>>,
-    /// The last torques before the tare, n_joints, N·m, NaN where nobody knows.
+    /// Last torques before subtracting the tare, n_joints, N·m; NaN if unknown.
     untared: Option<DVector<f64>>,
-    /// The joint whose torque passed the limit at the mapper's last step.
+    /// The limit exceeded at the mapper's last step, if any.
     mapped_over: Option<Cause>,
-    /// The last tare was refused.
+    /// Why the last tare was refused, if it was.
     loaded: Option<Cause>,
-    /// When the last joint state came that can be used, and why one since then cannot.
+    /// Arrival of the last usable joint state.
     usable: Option<Instant>,
+    /// Why a later joint state cannot be used.
     refused: Option<String>,
-    /// Since when joint states wait for the mapper.
+    /// Time since which joint states wait for the mapper.
     waiting: Option<Instant>,
-    /// Whether the flag has been down, and what has raised it since.
+    /// Whether the flag has been down.
     was_down: bool,
+    /// The cause that has raised it since then.
     raised: Option<Cause>,
-    /// Whether the next tare takes the flag back, since somebody says that the arm stands free.
+    /// Whether the next tare takes the flag down: a user has requested it, so the arm is free of contact.
     resets: bool,
-    /// The joint positions jump back and forth.
+    /// Whether the joint positions jump back and forth.
     jumping: bool,
 }
 
 impl Guard {
-    /// A guard of an arm's joints.
+    /// A guard for the joints of an arm.
     pub fn new(config: GuardConfig, arm: &Arm) -> Self {
         let joints = arm.robot.joint_names().map(str::to_owned).collect();
         Self { config, joints, state: Arc::default() }
@@ -113,7 +115,7 @@ impl Guard {
         state.raised.clone()
     }
 
-    /// What is not safe at a moment, the most urgent first.
+    /// The most urgent unsafe condition at `now`, if there is one.
     fn unsafe_now(&self, state: &State, now: Instant) -> Option<Cause> {
         let longer = |since: Instant, time| now.saturating_duration_since(since) > time;
         if state.ended {
@@ -137,7 +139,7 @@ impl Guard {
         state.loaded.clone().or_else(|| state.tare.is_none().then_some(Cause::Untared))
     }
 
-    /// The joint whose torque passes the limit by most, n_joints, N·m, NaN where nobody knows.
+    /// The joint with the largest torque, if it exceeds the limit. `torques`: n_joints, N·m; NaN if unknown.
     fn over(&self, torques: &DVector<f64>, of: Torque) -> Option<Cause> {
         let (joint, &torque_n_m) = largest(torques)?;
         (torque_n_m.abs() > self.config.limit_n_m).then(|| Cause::Limit {
@@ -147,8 +149,8 @@ impl Guard {
         })
     }
 
-    /// A joint state came that can be used. Nobody may have asked since the one before it, if all of
-    /// palpate had stopped for a while: then the silence counts as well.
+    /// Records a usable joint state. The cause is evaluated first: if the whole process stood still since
+    /// the last one, that silence must count.
     fn usable(&self, now: Instant) {
         self.cause(now);
         let mut state = self.state();
@@ -156,24 +158,24 @@ impl Guard {
         state.waiting.get_or_insert(now);
     }
 
-    /// A joint state came that cannot be used.
+    /// Records a joint state that cannot be used.
     fn refused(&self, why: &impl ToString) {
         self.state().refused = Some(why.to_string());
     }
 
-    /// Torques before the tare came, n_joints, N·m, NaN where nobody knows.
+    /// Records measured torques before subtracting the tare, n_joints, N·m; NaN if unknown.
     fn measured(&self, untared: DVector<f64>) {
         self.state().untared = Some(untared);
     }
 
-    /// The mapper has taken all joint states that came until a moment, and none waits any more or
-    /// some still do.
+    /// Records that the mapper has taken all joint states that arrived until `came`; `some_wait`: whether
+    /// later ones wait.
     pub fn taken(&self, came: Instant, some_wait: bool) {
         self.state().waiting = some_wait.then_some(came);
     }
 
-    /// Looks at the torques of the mapper's last step, measured and predicted, if it had any, and at the half-width of the
-    /// band around the latter, if that is asked for, n_joints, N·m.
+    /// Checks the torques of the mapper's last step against the limit: measured and predicted, and the predicted one
+    /// plus the half-width of its band, if given; n_joints, N·m.
     pub fn mapped(
         &self,
         torques: Option<&(DVector<f64>, DVector<f64>)>,
@@ -191,13 +193,12 @@ impl Guard {
         self.state().mapped_over = over;
     }
 
-    /// Takes the bias of the torques of an arm that stands still, n_joints, N·m, as the tare, which
-    /// counts until the next one.
+    /// Takes the bias of the torques of an arm at rest, n_joints, N·m, as the tare until the next one.
     ///
     /// # Errors
     ///
-    /// If gravity does not explain the torques, or they are far from those of the arm when it stood free, and nobody asked for
-    /// this tare; the tare before still counts.
+    /// If the bias is too large, or differs too much from the tare of the free arm and was not requested; the previous
+    /// tare is kept.
     pub fn tare(&self, bias: &DVector<f64>) -> Result<(), Cause> {
         let mut state = self.state();
         let limit_n_m = self.config.bias_limit_n_m;
@@ -230,26 +231,26 @@ impl Guard {
         Ok(())
     }
 
-    /// The torques of an arm that stands still say that they are read wrongly: the tare is refused.
+    /// Records that a tare is refused since sign or gravity of the torques seem wrong.
     pub(crate) fn misread(&self, why: &str) {
         self.state().loaded = Some(Cause::Misread(why.to_owned()));
     }
 
-    /// Whether the joint positions jump back and forth, so that the arm cannot be followed.
+    /// Records whether the joint positions jump back and forth.
     pub(crate) fn jumping(&self, jumping: bool) {
         self.state().jumping = jumping;
     }
 
-    /// Lets the next tare take the flag back: somebody is there who says that the arm stands free.
+    /// Lets the next accepted tare take the flag down: a user has requested it, so the arm is free of contact.
     pub(crate) fn reset_with_tare(&self) {
         self.state().resets = true;
     }
 
-    /// Takes the flag back.
+    /// Takes the flag down.
     ///
     /// # Errors
     ///
-    /// What is not safe now; the flag stays up.
+    /// Returns the unsafe condition if there is one; the flag then stays up.
     pub fn reset(&self, now: Instant) -> Result<(), Cause> {
         let mut state = self.state();
         match self.unsafe_now(&state, now) {
@@ -261,7 +262,7 @@ impl Guard {
         }
     }
 
-    /// Raises a flag that was down: nobody said so for too long.
+    /// Raises the flag if it has been down before, since its state was not sent for too long.
     pub(crate) fn stalled(&self) {
         let mut state = self.state();
         if state.was_down {
@@ -269,18 +270,18 @@ impl Guard {
         }
     }
 
-    /// Raises the flag for good.
+    /// Raises the flag permanently.
     pub fn end(&self) {
         self.state().ended = true;
     }
 
-    /// No thread panics while it holds the lock; if one did, the state would still be whole.
+    /// No thread panics while it holds the lock; after a panic the state would still be valid.
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// The number that is largest without its sign, and its place, among those that are numbers.
+/// Index and value of the number with the largest absolute value, without NaN.
 fn largest(numbers: &DVector<f64>) -> Option<(usize, &f64)> {
     let known = numbers.iter().enumerate().filter(|(_, number)| !number.is_nan());
     known.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))

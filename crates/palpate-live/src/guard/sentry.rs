@@ -1,4 +1,4 @@
-//! Each joint state as it comes in, before it waits for the mapper.
+//! Checks each joint state on arrival, before it waits for the mapper.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -11,56 +11,58 @@ use super::Guard;
 use crate::joints::JointReader;
 use crate::message::JointState;
 
-/// Weight of the arm, the largest torque of a joint, N·m, that a working sensor feels.
+/// If gravity exerts a larger torque than this on some joint, N·m, efforts of exactly zero are wrong.
 const LEAST_WEIGHT: f64 = 1.0;
-/// An arm that was so fast, rad/s or m/s, over so long a time cannot stand still at once.
+/// An arm faster than this, rad/s or m/s, on average over [`SPEED_OVER`], cannot stop from one sample to the
+/// next.
 const LEAST_SPEED: f64 = 0.1;
+/// Time over which the speed is averaged.
 const SPEED_OVER: Duration = Duration::from_millis(100);
 
 pub(crate) const DEAD: &str =
     "all efforts are exactly 0, though the arm bears its own weight; does the driver publish them?";
 const FROZEN: &str = "positions and efforts repeat to the last bit, and the arm moved just before; does the driver hang?";
 
-/// Whether efforts say nothing: all of them are exactly zero, and the arm bears its own weight. `untared` are then the torques
-/// of that alone, n_joints, N·m.
+/// Whether all efforts are exactly zero although the joints carry the weight of the arm. `untared`: torques before the
+/// tare, which are then the torques of gravity alone, n_joints, N·m.
 pub(crate) fn are_dead(efforts: &[f64], untared: &DVector<f64>) -> bool {
     efforts.iter().all(|effort| *effort == 0.0) && untared.amax() > LEAST_WEIGHT
 }
 
-/// Watches joint states as they come in.
+/// Checks joint states on arrival, and reports them to a guard.
 pub struct Sentry {
     guard: Guard,
     arm: Arc<Arm>,
     config: ExternalTorqueConfig,
     reader: JointReader,
-    /// Where the joints were last, NaN before anybody knew.
+    /// Last known joint positions; NaN before the first.
     q: Vec<f64>,
     last: Option<Last>,
 }
 
-/// The joint state that came last, and where the arm was before.
+/// The last joint state, and earlier positions.
 struct Last {
     /// Its positions and efforts, as bits: NaN equals itself.
     bits: Vec<u64>,
-    /// When it came first.
+    /// Arrival of the first of its identical copies.
     since: Instant,
     moved: bool,
-    /// Positions, and when they came, back to [`SPEED_OVER`] ago.
+    /// Positions with their arrival, over the last [`SPEED_OVER`].
     before: VecDeque<(Instant, Vec<f64>)>,
 }
 
 impl Sentry {
-    /// A sentry for an arm whose torques are logged as these settings say.
+    /// A sentry for an arm; `config` are sign, gravity and tare of its torques.
     pub fn new(guard: Guard, arm: Arc<Arm>, config: ExternalTorqueConfig) -> Self {
         let joints: Vec<String> = arm.robot.joint_names().map(str::to_owned).collect();
         let q = vec![f64::NAN; joints.len()];
         Self { guard, arm, config, reader: JointReader::new(joints), q, last: None }
     }
 
-    /// Looks at a joint state, or why it cannot be decoded, which came at a moment and by the
-    /// system's clock at `received_s`, s.
+    /// Checks a joint state that arrived at `now`, or the reason why it cannot be decoded. `received_s` is
+    /// the time of arrival for messages without a stamp, s.
     ///
-    /// Torques count whatever else is wrong with it: its stamp, or the torques of other joints.
+    /// A torque is checked even if the stamp or other values of the joint state are invalid.
     pub fn see(&mut self, state: Result<&JointState, &str>, now: Instant, received_s: f64) {
         let state = match state {
             Ok(state) => state,
@@ -87,7 +89,8 @@ impl Sentry {
         }
     }
 
-    /// Whether the driver repeats a joint state for longer than it may be silent, of an arm that moved just before.
+    /// Whether the driver has repeated a joint state for longer than the allowed silence, although the arm moved just
+    /// before.
     fn is_frozen(&mut self, q: Vec<f64>, tau: &[f64], now: Instant) -> bool {
         let bits: Vec<u64> = q.iter().chain(tau).map(|number| number.to_bits()).collect();
         let passed = |since: Instant| now.saturating_duration_since(since);
@@ -96,7 +99,7 @@ impl Sentry {
         }
         let mut before = self.last.take().map(|last| last.before).unwrap_or_default();
         before.push_back((now, q));
-        // The first is the last that is old enough.
+        // Keep only the newest of the positions older than the window.
         while before.get(1).is_some_and(|(since, _)| passed(*since) >= SPEED_OVER) {
             before.pop_front();
         }
@@ -108,15 +111,15 @@ impl Sentry {
         false
     }
 
-    /// Torques before the tare, n_joints, N·m, NaN where the sensor says nothing. A joint without a
-    /// position is taken to be where it was last.
+    /// Torques before the tare, n_joints, N·m; NaN where the effort is NaN. A joint without a valid position
+    /// is taken at its last known one.
     fn untared(&mut self, q: &[f64], tau: &[f64]) -> Option<DVector<f64>> {
         for (last, now) in self.q.iter_mut().zip(q) {
             *last = if now.is_finite() { *now } else { *last };
         }
         let robot = &self.arm.robot;
         let poses = robot.forward(&self.q).ok()?;
-        // What is beyond all sensors is beyond all limits, too.
+        // A torque beyond the range of any sensor exceeds every limit, also when clamped.
         let readable = |torque: &f64| match torque.is_nan() {
             true => 0.0,
             false => torque.clamp(-MAX_TORQUE, MAX_TORQUE),

@@ -1,4 +1,4 @@
-//! The guard beside a robot that is played.
+//! The guard with a simulated robot.
 
 use nalgebra::dvector;
 use palpate::{BakeConfig, ExternalTorqueConfig, MAX_TORQUE, Robot};
@@ -6,7 +6,7 @@ use palpate::{BakeConfig, ExternalTorqueConfig, MAX_TORQUE, Robot};
 use super::*;
 use crate::message::{Header, JointState, Stamp};
 
-/// Two joints that gravity does not turn.
+/// Two joints with vertical axes, on which gravity exerts no torque.
 fn arm() -> Arc<Arm> {
     let ball = "<collision><geometry><sphere radius='0.1'/></geometry></collision>";
     let joint = |name, parent, child| {
@@ -26,18 +26,18 @@ fn arm() -> Arc<Arm> {
     Arc::new(arm.unwrap().0)
 }
 
-/// A robot beside a guard of 5 N·m, and a clock.
+/// A robot with a guard of limit 5 N·m, and a clock.
 struct Scene {
     guard: Guard,
     sentry: Sentry,
     start: Instant,
-    /// Since the start, ms.
+    /// Time since the start, ms.
     now_ms: u64,
     state: JointState,
 }
 
 impl Scene {
-    /// One that sends joint states, has a tare, and whose flag is down.
+    /// A robot that sends joint states and has a tare; the flag is down.
     fn safe() -> Self {
         let mut scene = Self::new();
         scene.play(50, |_| {});
@@ -68,8 +68,8 @@ impl Scene {
         self.guard.cause(self.now())
     }
 
-    /// A joint state every 10 ms for so long, each spoilt, taken at once by the mapper; ends as
-    /// soon as the flag is up. Returns how long that took, ms, and why.
+    /// Sends a joint state every 10 ms for `ms`, each modified by `spoil` and taken by the mapper
+    /// at once; ends when the flag goes up. Returns the time that this took, ms, and the cause.
     fn play(&mut self, ms: u64, spoil: impl Fn(&mut JointState)) -> (u64, Option<Cause>) {
         let began_ms = self.now_ms;
         for _ in 0..ms / 10 {
@@ -168,13 +168,13 @@ fn what_cannot_be_used_raises_it_within_the_time_of_silence() {
 
 #[test]
 fn a_clock_that_jumps_blinds_it_for_no_longer_than_the_time_of_silence() {
-    // A single stamp that is ahead makes all that follow come late.
+    // A single stamp in the future makes all later ones count as late.
     let mut scene = Scene::safe();
     let ahead = Stamp { sec: 0, nanosec: (scene.now_ms as u32 + 990) * 1_000_000 };
     scene.play(10, |state| state.header.stamp = ahead);
     let (ms, cause) = scene.play(1000, |_| {});
     assert!(matches!(cause, Some(Cause::Refused(_))) && ms <= 110, "{cause:?} in {ms} ms");
-    // A clock that was set back or ahead for good is followed.
+    // A permanent change of the clock is accepted.
     for sec in [-1000, 1_000_000] {
         let mut scene = Scene::safe();
         assert_eq!(scene.play(1000, |state| state.header.stamp.sec += sec).1, None);
@@ -198,14 +198,14 @@ fn silence_a_slow_mapper_and_an_end_raise_it() {
     for _ in 0..26 {
         scene.now_ms += 10;
         scene.state.header.stamp = Stamp { sec: 1, nanosec: scene.now_ms as u32 * 1_000_000 };
-        scene.sentry.see(Ok(&scene.state), scene.now(), 0.0); // nobody takes it
+        scene.sentry.see(Ok(&scene.state), scene.now(), 0.0); // the mapper does not take it
     }
     assert_eq!(scene.cause(), None, "250 ms since the first of them");
     scene.now_ms += 1;
     assert_eq!(scene.cause(), Some(Cause::Lag));
 
     let mut scene = Scene::safe();
-    scene.now_ms += 2000; // nobody asks, as in a process that was stopped
+    scene.now_ms += 2000; // the cause is not evaluated, as in a suspended process
     assert_eq!(scene.play(10, |_| {}).1, Some(Cause::Silence));
 
     let scene = Scene::safe();
@@ -271,7 +271,7 @@ fn only_a_reset_takes_it_back_and_only_when_it_is_safe() {
 fn a_tare_far_from_the_one_of_the_free_arm_is_refused_unless_it_is_asked_for() {
     let mut scene = Scene::safe();
     scene.guard.tare(&dvector![2.4, 0.0]).unwrap();
-    // Not from tare to tare: what the free arm had is what counts.
+    // The change is measured from the tare of the free arm, not from the previous one.
     let refused = scene.guard.tare(&dvector![2.6, 0.0]).unwrap_err();
     assert_eq!(refused, Cause::TareChanged { joint: "one".to_owned(), change_n_m: 2.6 });
     assert_eq!(scene.cause(), Some(refused.clone()));
@@ -285,7 +285,7 @@ fn a_tare_far_from_the_one_of_the_free_arm_is_refused_unless_it_is_asked_for() {
 #[test]
 fn a_driver_that_hangs_while_the_arm_moves_raises_it_and_an_arm_at_rest_does_not() {
     let mut scene = Scene::safe();
-    // A gripper that works, and another joint that is not measured, change nothing of it.
+    // Another joint in the message, whose effort is NaN, makes no difference.
     scene.state.name.push("finger".to_owned());
     scene.state.position.push(0.0);
     scene.state.effort.push(f64::NAN);

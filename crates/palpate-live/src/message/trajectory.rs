@@ -1,4 +1,4 @@
-//! `trajectory_msgs`, and the service of palpate's own that asks about a trajectory.
+//! Messages of `trajectory_msgs`, and palpate's service `AskTrajectory`.
 
 use ros2_client::Message;
 use serde::{Deserialize, Serialize};
@@ -8,24 +8,24 @@ use super::{Header, Stamp};
 /// `trajectory_msgs/msg/JointTrajectoryPoint`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointTrajectoryPoint {
-    /// rad or m.
+    /// Joint positions, rad or m.
     pub positions: Vec<f64>,
-    /// rad/s or m/s; empty if unknown.
+    /// Joint velocities, rad/s or m/s; empty if unknown.
     pub velocities: Vec<f64>,
-    /// rad/s² or m/s²; empty if unknown.
+    /// Joint accelerations, rad/s² or m/s²; empty if unknown.
     pub accelerations: Vec<f64>,
-    /// N·m or N; empty if unknown.
+    /// Joint efforts, N·m or N; empty if unknown.
     pub effort: Vec<f64>,
-    /// `builtin_interfaces/msg/Duration`, which is laid out as a stamp.
+    /// `builtin_interfaces/msg/Duration`, which has the same fields as a stamp.
     pub time_from_start: Stamp,
 }
 
 /// `trajectory_msgs/msg/JointTrajectory`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointTrajectory {
-    /// When, and in whose coordinates.
+    /// Time and coordinate frame.
     pub header: Header,
-    /// The joints, in the order of all numbers.
+    /// Joint names, in the order of the numbers of every point.
     pub joint_names: Vec<String>,
     /// The points.
     pub points: Vec<JointTrajectoryPoint>,
@@ -34,9 +34,9 @@ pub struct JointTrajectory {
 /// The request of `palpate_ros/srv/AskTrajectory`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct AskTrajectoryRequest {
-    /// Positions of all joints at every point, by name.
+    /// The trajectory: positions of all joints at every point, in any order of joints.
     pub trajectory: JointTrajectory,
-    /// Level of the band, 0 to 1; 0 is the field's default.
+    /// Level of the band, from 0 to below 1; 0 stands for the default level of the field.
     pub level: f64,
 }
 
@@ -45,25 +45,27 @@ impl Message for AskTrajectoryRequest {}
 /// The response of `palpate_ros/srv/AskTrajectory`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct AskTrajectoryResponse {
-    /// Whether there is an answer.
+    /// Whether the request was answered.
     pub success: bool,
-    /// Why there is none.
+    /// The reason if it was not answered.
     pub message: String,
     /// The trajectory, with the predicted external torque as effort, N·m.
     pub predicted: JointTrajectory,
-    /// The same with the half-width of the band as effort, N·m; without points if the field has no bands.
+    /// The trajectory, with the half-width of the band as effort, N·m; without points if the field has no
+    /// bands.
     pub half_width: JointTrajectory,
-    /// Level of the band; 0 without one.
+    /// Level of the band; 0 if the field has no bands.
     pub level: f64,
-    /// The largest predicted torque of a joint, N·m, without sign.
+    /// Largest absolute predicted torque over joints and points, N·m.
     pub peak: f64,
-    /// The largest at the outer end of the band for largest torques, N·m; as `peak` without bands.
+    /// Largest absolute predicted torque plus half-width of the band for the largest torque of the path,
+    /// N·m; equals `peak` if the field has no bands.
     pub peak_with_band: f64,
-    /// Points of the lattice touched, at every point.
+    /// Number of cells touched, at every point.
     pub contacts: Vec<u32>,
-    /// Those of them that were touched when the field was learnt.
+    /// Number of these cells that were touched when the field was learnt.
     pub known: Vec<u32>,
-    /// Whether the trajectory goes on from what the arm touches now.
+    /// Whether the trajectory continues from the present contacts of the arm.
     pub goes_on: bool,
 }
 

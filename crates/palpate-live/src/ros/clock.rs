@@ -1,4 +1,4 @@
-//! The time in messages: the system's, or that of a simulation.
+//! The time in messages: of the system clock, or of a simulation.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -6,20 +6,20 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use crate::message::{Clock, Stamp};
 
-/// The clock that stamps are of.
+/// The clock of stamps.
 #[derive(Debug, Clone, Default)]
 pub(super) struct RosClock {
-    /// Bits of the last time on `/clock`, s, and 0 before the first; `None` for the system's clock.
+    /// Bits of the last time on `/clock`, s; 0 before the first. `None` for the system clock.
     sim_time: Option<Arc<AtomicU64>>,
 }
 
 impl RosClock {
-    /// The system's clock, or that of `/clock`.
+    /// The system clock, or that of `/clock`.
     pub(super) fn new(is_simulated: bool) -> Self {
         Self { sim_time: is_simulated.then(Arc::default) }
     }
 
-    /// Whether it is that of `/clock`.
+    /// Whether it follows `/clock`.
     pub(super) fn is_simulated(&self) -> bool {
         self.sim_time.is_some()
     }
@@ -30,7 +30,7 @@ impl RosClock {
         self.sim_time.iter().for_each(|bits| bits.store(now_s.to_bits(), Ordering::Relaxed));
     }
 
-    /// The time, s.
+    /// The present time, s.
     pub(super) fn now_s(&self) -> f64 {
         match &self.sim_time {
             Some(bits) => f64::from_bits(bits.load(Ordering::Relaxed)),
@@ -40,7 +40,7 @@ impl RosClock {
         }
     }
 
-    /// The same as a stamp.
+    /// The present time as a stamp.
     pub(super) fn stamp(&self) -> Stamp {
         match &self.sim_time {
             Some(_) => Stamp::at(self.now_s()),

@@ -1,6 +1,6 @@
-//! `--localhost`: sockets that hear the loopback interface and nothing else.
+//! `--localhost`: restricts sockets to the loopback interface.
 //!
-//! The DDS library chooses among interfaces for what it sends, but binds to all of them.
+//! The DDS library can restrict the interfaces that it sends on, but receives on all of them.
 
 use std::io;
 
@@ -19,9 +19,9 @@ pub(super) fn bind_all() -> io::Result<()> {
     let files: Vec<_> = std::fs::read_dir("/proc/self/fd")?.collect::<Result<_, _>>()?;
     let numbers = files.iter().filter_map(|file| file.file_name().to_str()?.parse::<RawFd>().ok());
     for number in numbers {
-        // SAFETY: it is used for two questions and an option, which fail for a file that was closed
-        // meanwhile (that of the listing was). The library closes no socket of its own here, so no
-        // other one takes its number.
+        // SAFETY: the descriptor is used only to read two socket options and to set one. These
+        // calls fail if it was closed meanwhile, as that of the directory listing was. The library
+        // closes none of its sockets here, so the number is not reused.
         let file = unsafe { BorrowedFd::borrow_raw(number) };
         let socket = SockRef::from(&file);
         let is_udp = socket.r#type().is_ok_and(|kind| kind == Type::DGRAM)

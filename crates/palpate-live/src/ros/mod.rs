@@ -1,10 +1,10 @@
-//! The robot's ROS 2 network: what is on it, what palpate receives there and what it publishes.
+//! The ROS 2 network: discovers topics, receives joint states, publishes, and offers services.
 //!
-//! Pure DDS by ros2-client; no ROS needs to be installed. Topics are looked at before one is
-//! subscribed to: which there are, of which type, and whether they are sent reliably, since a
-//! subscriber that asks for more than is offered receives nothing at all.
+//! Uses DDS directly, through ros2-client; no ROS needs to be installed. Topics are discovered
+//! before one is subscribed to, with their type and reliability: a subscriber that requests
+//! reliable delivery from a best-effort publisher receives nothing.
 //!
-//! All of it runs in a process of its own, the network process.
+//! All of it runs in a separate process, the network process.
 
 mod clock;
 mod loopback;

@@ -1,8 +1,8 @@
-//! Names of the node and its topics, remapped as ROS does.
+//! Names of the node and its topics, with the remapping rules of ROS.
 
 use serde::{Deserialize, Serialize};
 
-/// What palpate publishes and offers, which it does not listen to.
+/// Topics that palpate publishes and services that it offers.
 const OWN: [&str; 14] = [
     "/palpate/torque_external",
     "/palpate/torque_predicted",
@@ -19,18 +19,18 @@ const OWN: [&str; 14] = [
     "/palpate/ask",
     "/diagnostics",
 ];
-/// Other topics of which palpate knows the name.
+/// Other topics that palpate uses.
 const OTHERS: [&str; 4] =
     ["/joint_states", "/robot_description", "/clock", "/trajectory_execution_event"];
 
-/// Rules by which names change.
+/// Name and namespace of the node, and remapping rules.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Names {
-    /// The node's.
+    /// Name of the node.
     pub(super) node: String,
-    /// Before the names of palpate's own topics; empty, or begins with a slash.
+    /// Prefix of the names of palpate's own topics; empty, or begins with a slash.
     pub(super) namespace: String,
-    /// From which to which.
+    /// Pairs of absolute names: from, to.
     rules: Vec<(String, String)>,
 }
 
@@ -41,11 +41,11 @@ impl Default for Names {
 }
 
 impl Names {
-    /// Rules such as `/palpate/stop:=/arm/stop`, `__node:=left_hand` and `__ns:=/left`.
+    /// Parses rules such as `/palpate/stop:=/arm/stop`, `__node:=left_hand` and `__ns:=/left`.
     ///
     /// # Errors
     ///
-    /// Which rule cannot be followed, and what is wanted.
+    /// Names the rule that cannot be applied, and what is expected.
     pub fn new(rules: &[String]) -> Result<Self, String> {
         let mut names = Self::default();
         let mut topics = Vec::new();
@@ -85,7 +85,7 @@ impl Names {
         Ok(names)
     }
 
-    /// A name as it is from the root.
+    /// The absolute form of a name.
     fn absolute(&self, name: &str) -> String {
         match (name.strip_prefix("~/"), name.starts_with('/')) {
             (Some(own), _) => self.in_namespace(&format!("{}/{own}", self.node)),
@@ -98,7 +98,7 @@ impl Names {
         format!("{}/{name}", self.namespace)
     }
 
-    /// A name of palpate's before the rules.
+    /// The absolute name of a topic or service before the rules, with the namespace if it is palpate's own.
     fn of_palpate(&self, name: &str) -> String {
         match name.strip_prefix('/') {
             Some(relative) if name.starts_with("/palpate/") => self.in_namespace(relative),
@@ -106,19 +106,19 @@ impl Names {
         }
     }
 
-    /// What a topic or service is called.
+    /// The final name of a topic or service.
     pub fn of(&self, name: &str) -> String {
         self.renamed(name).unwrap_or_else(|| self.of_palpate(name))
     }
 
-    /// What a topic or service is called by a rule, if there is one for it.
+    /// The name given to a topic or service by a rule, if there is one for it.
     pub fn renamed(&self, name: &str) -> Option<String> {
         let name = self.of_palpate(name);
         let rule = self.rules.iter().find(|(from, _)| *from == name);
         rule.map(|(_, to)| to.clone())
     }
 
-    /// Whether a topic is one that palpate publishes, this one or another, so that it is no robot's.
+    /// Whether a topic is published by palpate, this instance or another, and not by a robot.
     pub(super) fn are_own(&self, topic: &str) -> bool {
         OWN.iter().any(|own| topic.ends_with(own) || self.of(own) == topic)
     }

@@ -1,4 +1,4 @@
-//! palpate's node on a ROS 2 network, and the topics there.
+//! palpate's node on a ROS 2 network, and the discovery of topics.
 
 use std::fmt::Display;
 use std::net::{IpAddr, Ipv4Addr};
@@ -13,29 +13,29 @@ use super::loopback;
 use super::names::Names;
 use super::topic::TopicSeen;
 
-/// How to join the network.
+/// Settings for joining the network.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct NetworkConfig {
-    /// DDS domain, as `ROS_DOMAIN_ID`.
+    /// DDS domain, `ROS_DOMAIN_ID`.
     pub domain: u16,
-    /// Meet others on this machine only.
+    /// Communicate with processes on this machine only.
     pub localhost: bool,
-    /// How services are distinguished on the wire.
+    /// Wire format of service requests.
     pub services: Services,
-    /// What node and topics are called.
+    /// Names of node and topics.
     pub names: Names,
-    /// Whether time is that of `/clock`.
+    /// Whether to take the time from `/clock`.
     pub sim_time: bool,
 }
 
-/// The two ways in which DDS implementations of ROS 2 carry services.
+/// Wire format of service requests, which differs between DDS implementations of ROS 2.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Services {
-    /// As `rmw_fastrtps_cpp` and `rmw_connextdds` do: the request is named beside the data.
+    /// Of `rmw_fastrtps_cpp` and `rmw_connextdds`: the request id is sent beside the data.
     #[default]
     Enhanced,
-    /// As `rmw_cyclonedds_cpp` does: the request is named within the data.
+    /// Of `rmw_cyclonedds_cpp`: the request id is sent within the data.
     Cyclone,
 }
 
@@ -68,12 +68,12 @@ pub enum NetworkError {
          (std_msgs/msg/String) within {seconds} s; is robot_state_publisher running, and is the domain (--domain, ROS_DOMAIN_ID) right?"
     )]
     NoDescription { topic: String, seconds: u64 },
-    /// As the network process says it.
+    /// An error message from the network process.
     #[error("{why}")]
     Failed { why: String },
     #[error("the network process cannot be used: {why}")]
     Process { why: String },
-    /// A thread panicked, and has said so.
+    /// A thread panicked; the panic has printed its message.
     #[error("the session ended by a defect of palpate, in the thread `{thread}`")]
     Defect { thread: String },
 }
@@ -98,7 +98,7 @@ pub(super) struct Network {
     localhost: bool,
 }
 
-/// Ports of higher domains would lie beyond the last one.
+/// Largest DDS domain: higher ones would need ports above 65535.
 const MAX_DOMAIN: u16 = 232;
 
 impl Network {
@@ -106,7 +106,7 @@ impl Network {
     ///
     /// # Errors
     ///
-    /// If there is no network, or no such domain.
+    /// If there is no network, the domain is too large, or a name is not allowed in ROS.
     pub(super) fn join(config: &NetworkConfig) -> Result<Self, NetworkError> {
         let failed =
             |why: &dyn Display| NetworkError::Join { domain: config.domain, why: why.to_string() };
@@ -133,7 +133,7 @@ impl Network {
         Ok(Self { context, node, services, names, clock, localhost })
     }
 
-    /// Keeps to the loopback interface all sockets that were opened, if nobody else is to be heard.
+    /// With `localhost`, binds all sockets opened so far to the loopback interface.
     ///
     /// # Errors
     ///
@@ -145,7 +145,7 @@ impl Network {
         loopback::bind_all().map_err(|error| NetworkError::Localhost { why: error.to_string() })
     }
 
-    /// The topics that somebody publishes, by name.
+    /// The topics with a publisher, sorted by name, without palpate's own.
     pub(super) fn topics(&self) -> Vec<TopicSeen> {
         let writers = self.context.domain_participant().discovered_writers();
         let mut topics: Vec<TopicSeen> = Vec::new();
@@ -170,7 +170,7 @@ impl Network {
     }
 }
 
-/// The name of a topic or service.
+/// Parses the name of a topic or service.
 pub(super) fn parse(topic: &str) -> Result<Name, NetworkError> {
     Name::parse(topic)
         .map_err(|why| NetworkError::Name { topic: topic.to_owned(), why: format!("{why:?}") })

@@ -1,4 +1,4 @@
-//! The node's parameters, as `ros2 param` asks about them. They say how palpate was started, and stay so.
+//! The parameters of the node, for `ros2 param`. They show how palpate was started and cannot be changed.
 
 use ros2_client::parameters::raw::{
     Parameter as RawParameter, ParameterDescriptor, ParameterType, ParameterValue,
@@ -16,10 +16,10 @@ use serde::{Deserialize, Serialize};
 
 use super::network::{Network, NetworkError};
 
-/// Parameters that a request is answered about.
+/// Largest number of parameters in an answer.
 const MOST: usize = 256;
 
-/// What a parameter holds.
+/// Value of a parameter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[allow(missing_docs)] // the types are the names
 pub enum Value {
@@ -31,15 +31,15 @@ pub enum Value {
 /// A parameter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Parameter {
-    /// Its name.
+    /// Name of the parameter.
     pub name: String,
-    /// What it holds.
+    /// Its value.
     pub value: Value,
-    /// What it means.
+    /// Description for the user.
     pub about: String,
 }
 
-/// The services that answer about them.
+/// The parameters, and the services that answer requests for them.
 pub(super) struct Parameters {
     all: Vec<Parameter>,
     get: Server<GetParametersRequest, GetParametersResponse>,
@@ -76,7 +76,7 @@ impl Network {
 }
 
 impl Parameters {
-    /// Has a poll woken by requests.
+    /// Registers all services with a poll, which wakes for requests.
     pub(super) fn register(&mut self, registry: &Registry, token: Token) -> std::io::Result<()> {
         let readable = Interest::READABLE;
         registry.register(&mut self.get, token, readable)?;
@@ -87,7 +87,7 @@ impl Parameters {
         registry.register(&mut self.set_atomically, token, readable)
     }
 
-    /// Answers all requests that came; a client may have left.
+    /// Answers all waiting requests. Failures are ignored: a client may have disconnected.
     pub(super) fn answer(&self) {
         while let Ok(Some((id, asked))) = self.get.receive_request() {
             let values = self.each(&asked.names, raw);
@@ -128,20 +128,21 @@ impl Parameters {
         self.all.iter().find(|parameter| parameter.name == name)
     }
 
-    /// Of so many of the names as anybody would ask about.
+    /// Applies `of` to the value of each named parameter, for at most [`MOST`] names.
     fn each<T>(&self, names: &[String], of: impl Fn(Option<&Value>) -> T) -> Vec<T> {
         let names = names.iter().take(MOST);
         names.map(|name| of(self.find(name).map(|found| &found.value))).collect()
     }
 
-    /// Those with one of some prefixes: none of their names has parts.
+    /// The parameters that match the prefixes of a request. Their names have no parts, so a prefix is a
+    /// whole name.
     fn listed(&self, asked: &ListParametersRequest) -> ListParametersResult {
         let names = self.all.iter().map(|parameter| parameter.name.clone());
         let is_asked = |name: &String| asked.prefixes.is_empty() || asked.prefixes.contains(name);
         ListParametersResult { names: names.filter(is_asked).collect(), prefixes: Vec::new() }
     }
 
-    /// Whether a parameter has a value already: no other can be given to it.
+    /// Succeeds only if the parameter already has the wanted value: it cannot be changed.
     fn set(&self, wanted: &RawParameter) -> SetParametersResult {
         let name = &wanted.name;
         let reason = match self.find(name) {
@@ -156,7 +157,7 @@ impl Parameters {
 }
 
 impl Value {
-    /// Whether that is what the wire has.
+    /// Whether a message contains this value.
     fn is(&self, raw: &ParameterValue) -> bool {
         match self {
             Self::Bool(value) => raw.ptype == ParameterType::BOOL && raw.boolean_value == *value,
@@ -166,7 +167,7 @@ impl Value {
     }
 }
 
-/// What the wire has for a value, if there is one.
+/// The message for a value, or for no value.
 fn raw(value: Option<&Value>) -> ParameterValue {
     let mut raw = ParameterValue {
         ptype: ParameterType::NOT_SET,

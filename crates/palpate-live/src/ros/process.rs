@@ -1,10 +1,10 @@
-//! The network process: DDS in a process of its own.
+//! The network process: DDS in a separate process.
 //!
-//! Whoever reaches the robot's network can send packets that make a DDS implementation allocate all
-//! memory, spin, or go deaf. So it runs with a memory limit, apart from the mapper and the guard; what
-//! goes wrong in it ends it, and [`super::supervisor`] starts another.
+//! Packets from the robot's network can make a DDS implementation allocate all memory, run in an endless
+//! loop, or stop receiving. So it runs with a memory limit, separate from the mapper and the guard; a
+//! fault ends only this process, and [`super::supervisor`] starts another.
 //!
-//! It says stop by itself when palpate no longer says anything about a guard's flag.
+//! If palpate stops sending the state of the guard's flag, this process raises the flag itself.
 
 use std::io;
 use std::os::fd::AsFd;
@@ -26,15 +26,15 @@ use super::subscriber::Subscriber;
 use super::wire::{Counts, Frames, FromNetwork, Response, ToNetwork, send};
 use crate::timer::Timer;
 
-/// What the process may allocate. It begins with 14 MiB; fifteen nodes of sixty topics and a subscriber
-/// that sleeps take 47.
+/// Memory limit of the process, bytes. It begins with 14 MiB; with fifteen nodes of sixty topics and a
+/// suspended subscriber it takes 47 MiB.
 const MEMORY: u64 = 56 << 20;
-/// Between two looks at whatever else there is to do.
+/// Interval at which each thread checks for other work.
 const LOOK: Duration = Duration::from_millis(20);
-/// A guard that has said nothing for so long has hung.
+/// After this time without the state of the guard's flag, palpate counts as hanging.
 const SILENCE: Duration = Duration::from_millis(100);
 const STALLED: &str = "palpate does not answer";
-/// What the last messages take on their way out.
+/// Time for the last messages to be sent.
 const FAREWELL: Duration = Duration::from_millis(60);
 
 /// Runs the process, whose standard input is the socket to palpate, until palpate ends.
@@ -46,8 +46,8 @@ pub fn run() -> io::Result<()> {
     let stream = UnixStream::from(io::stdin().as_fd().try_clone_to_owned()?);
     stream.peer_addr()?;
     let limit = Rlimit { current: Some(MEMORY), maximum: Some(MEMORY) };
-    let _ = setrlimit(Resource::Data, limit); // a system without it has none
-    // Half a process is worse than none.
+    let _ = setrlimit(Resource::Data, limit); // some systems have no such limit
+    // A panic of one thread ends the whole process.
     std::panic::set_hook(Box::new(|_| process::exit(101)));
     let mut frames = Frames::new(stream.try_clone()?);
     let first = frames.next(Duration::from_secs(10))?;
@@ -91,7 +91,7 @@ pub fn run() -> io::Result<()> {
         .name("outgoing".to_owned())
         .spawn(move || process::exit(outgoing.run(frames)))?;
     let ended = Incoming { network, servers, to_palpate, orders, unsent }.run();
-    thread::sleep(2 * FAREWELL); // the other thread ends the process before
+    thread::sleep(2 * FAREWELL); // the other thread ends the process within this time
     ended
 }
 
@@ -122,7 +122,7 @@ struct Outgoing {
     unsent: Arc<AtomicU64>,
     /// When palpate last sent the state of the flag, if there is a guard.
     flag_reported: Option<Instant>,
-    /// Whether the flag was raised here, which palpate has not confirmed yet.
+    /// Whether this process has raised the flag and palpate has not confirmed it yet.
     stalled: bool,
 }
 
@@ -179,8 +179,8 @@ impl Outgoing {
         }
     }
 
-    /// Raises the flag until palpate does, which must not take it back by going on as if nothing
-    /// had happened.
+    /// Raises the flag until palpate has raised it too: palpate must not take it down by continuing after
+    /// a pause.
     fn stall(&mut self) {
         if !self.stalled && self.publishers.flag_is_down() {
             self.stalled = true;

@@ -1,5 +1,5 @@
-//! What palpate publishes. Nothing here waits for a subscriber: a message for which DDS has no room,
-//! since a reliable subscriber does not keep up, is left out.
+//! palpate's publishers. They never wait for a subscriber: if the queue of DDS is full because a
+//! reliable subscriber does not keep up, the message is dropped.
 
 use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::{MessageTypeName, Publisher, QosProfile};
@@ -11,13 +11,13 @@ use super::wire::Torques;
 use crate::diagnostics;
 use crate::message::{Bool, DiagnosticArray, JointState, PointCloud2, Text, WrenchStamped};
 
-/// Where MoveIt listens for those who want it to stop.
+/// The topic on which MoveIt receives requests to stop.
 const MOVEIT: &str = "/trajectory_execution_event";
 
-/// Where a guard's flag goes, beside palpate's own topics.
+/// Further topics for the guard's flag, beside palpate's own.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FlagTopics {
-    /// To MoveIt as well, which then stops what it executes.
+    /// Whether MoveIt is told to stop the trajectory that it executes.
     pub moveit: bool,
 }
 
@@ -26,10 +26,10 @@ pub(super) struct Publishers {
     joints: Vec<String>,
     external: Publisher<JointState>,
     predicted: Publisher<JointState>,
-    /// Of arms that were identified.
+    /// Standard deviation of τ_ext, for an identified arm.
     std: Publisher<JointState>,
     touched: Publisher<Bool>,
-    /// The guard's, if there is one.
+    /// Publishers of the guard's flag, if there is a guard.
     flag: Option<FlagPublishers>,
     contacts: Publisher<PointCloud2>,
     field: Publisher<PointCloud2>,
@@ -38,18 +38,18 @@ pub(super) struct Publishers {
     clock: RosClock,
 }
 
-/// Publishers of a flag to stop, and why it is up.
+/// Publishers of the guard's flag and of its cause.
 struct FlagPublishers {
     stop: Publisher<Bool>,
     why: Publisher<DiagnosticArray>,
-    /// MoveIt's, if it is to stop what it executes.
+    /// Publisher of stop requests to MoveIt, if wanted.
     moveit: Option<Publisher<Text>>,
-    /// Whether the flag was up when it was published last.
+    /// Whether the flag was up when last published.
     was_up: bool,
 }
 
 impl Network {
-    /// Begins to publish, for a robot of these joints, with a guard's flag or without.
+    /// Creates the publishers, for a robot with these joints; with a guard's flag if `flag` is given.
     ///
     /// # Errors
     ///
@@ -62,7 +62,7 @@ impl Network {
         let qos = QosProfile::publisher_default()
             .reliability_reliable(WhenFull::Fail)
             .history(History::KeepLast { depth: 100 });
-        // Clouds are large, and a subscriber that falls behind wants the newest.
+        // Clouds are large, and a slow subscriber needs only the newest.
         let clouds = qos.clone().history(History::KeepLast { depth: 4 });
         let latched = qos
             .clone()
@@ -117,8 +117,8 @@ impl Network {
 }
 
 impl Publishers {
-    /// Publishes a guard's flag, with the cause that it is up, and with the time; returns how many
-    /// messages had no room.
+    /// Publishes the guard's flag, up if there is a cause; returns the number of messages that were
+    /// dropped.
     pub(super) fn flag(&mut self, cause: Option<&str>) -> u64 {
         let stamp = self.clock.stamp();
         let Some(flag) = &mut self.flag else { return 0 };
@@ -137,24 +137,24 @@ impl Publishers {
         sent.iter().filter(|sent| !**sent).count() as u64
     }
 
-    /// Whether a guard's flag was down when it was published last.
+    /// Whether there is a guard's flag, and it was down when last published.
     pub(super) fn flag_is_down(&self) -> bool {
         self.flag.as_ref().is_some_and(|flag| !flag.was_up)
     }
 
-    /// Publishes what was predicted for a sample; whether there was room.
+    /// Publishes the predicted torque of a sample; returns false if the message was dropped.
     pub(super) fn predicted(&self, torques: &Torques) -> bool {
         let predicted = torques.predicted_n_m.clone();
         self.predicted.publish(self.joint_state(torques, predicted)).is_ok()
     }
 
-    /// Publishes what was measured; whether there was room.
+    /// Publishes the external torque of a sample; returns false if the message was dropped.
     pub(super) fn external(&self, torques: &Torques) -> bool {
         let external = torques.external_n_m.clone();
         self.external.publish(self.joint_state(torques, external)).is_ok()
     }
 
-    /// Publishes how sure that is, and whether something is touched, if it is known; whether there was room.
+    /// Publishes standard deviation and detected contact, if known; returns false if a message was dropped.
     pub(super) fn detection(&self, torques: &Torques) -> bool {
         let Some(detection) = &torques.detection else { return true };
         let std = self.joint_state(torques, detection.std_n_m.clone());
@@ -166,24 +166,24 @@ impl Publishers {
         JointState::of_torques(torques.header.clone(), &self.joints, effort)
     }
 
-    /// Publishes the contacts; whether there was room.
+    /// Publishes the contacts; returns false if the message was dropped.
     pub(super) fn contacts(&self, cloud: PointCloud2) -> bool {
         self.contacts.publish(cloud).is_ok()
     }
 
-    /// Publishes the field; whether there was room.
+    /// Publishes the field; returns false if the message was dropped.
     pub(super) fn field(&self, cloud: PointCloud2) -> bool {
         self.field.publish(cloud).is_ok()
     }
 
-    /// Publishes the wrench on each touched link; whether there was room for all.
+    /// Publishes the wrench on each link; returns false if a message was dropped.
     pub(super) fn wrenches(&self, wrenches: Vec<WrenchStamped>) -> bool {
         let unsent =
             wrenches.into_iter().filter(|wrench| self.wrench.publish(wrench.clone()).is_err());
         unsent.count() == 0
     }
 
-    /// Publishes diagnostics; whether there was room.
+    /// Publishes diagnostics; returns false if the message was dropped.
     pub(super) fn diagnostics(&self, array: DiagnosticArray) -> bool {
         self.diagnostics.publish(array).is_ok()
     }

@@ -1,4 +1,4 @@
-//! palpate's services: to take a tare, to reset the guard, to save the field, and to ask about a trajectory.
+//! palpate's services: take a tare, reset the guard, save the field, predict torques along a trajectory.
 
 use std::io;
 
@@ -14,11 +14,12 @@ use crate::message::{
     AskTrajectoryRequest, AskTrajectoryResponse, JointTrajectory, TriggerRequest, TriggerResponse,
 };
 
-/// Points and joints of the longest trajectory that is handed on: its answer takes half a megabyte.
+/// Largest number of points of a trajectory; longer requests are refused. Its answer takes half a megabyte.
 const MOST_POINTS: usize = 2_000;
+/// Largest number of joints of a trajectory.
 const MOST_JOINTS: usize = 64;
 
-/// What answers requests.
+/// The servers of all services.
 pub(super) struct Servers {
     triggers: Vec<(Trigger, Server<TriggerRequest, TriggerResponse>)>,
     ask: Server<AskTrajectoryRequest, AskTrajectoryResponse>,
@@ -68,7 +69,7 @@ impl Network {
 }
 
 impl Servers {
-    /// Has a poll woken by requests.
+    /// Registers all services with a poll, which wakes for requests.
     pub(super) fn register(&mut self, registry: &Registry, token: Token) -> io::Result<()> {
         for (_, server) in &mut self.triggers {
             registry.register(server, token, Interest::READABLE)?;
@@ -77,7 +78,7 @@ impl Servers {
         self.parameters.register(registry, token)
     }
 
-    /// Hands on all requests that came; those for parameters are answered here.
+    /// Hands on all waiting requests; those for parameters are answered here.
     pub(super) fn receive(&self, mut hand_on: impl FnMut(FromNetwork)) {
         for (trigger, server) in &self.triggers {
             while let Ok(Some((id, _))) = server.receive_request() {
@@ -100,7 +101,7 @@ impl Servers {
         self.parameters.answer();
     }
 
-    /// Answers a request; the client may have left.
+    /// Answers a request; failures are ignored, since the client may have disconnected.
     pub(super) fn answer(&self, id: RmwRequestId, response: Response) {
         match response {
             Response::Trigger(trigger, response) => {
@@ -112,11 +113,11 @@ impl Servers {
     }
 }
 
-/// Leaves of a trajectory what is looked at.
+/// Checks the size of a trajectory, and removes the values that are not used.
 ///
 /// # Errors
 ///
-/// If it is too long.
+/// If the trajectory is too large, or a point has not one position for each joint name.
 fn bounded(trajectory: &mut JointTrajectory) -> Result<(), String> {
     let (points, joints) = (trajectory.points.len(), trajectory.joint_names.len());
     if points > MOST_POINTS || joints > MOST_JOINTS {

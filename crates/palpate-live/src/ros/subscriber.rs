@@ -1,4 +1,4 @@
-//! What palpate receives: joint states, of either type, and the time of a simulation.
+//! palpate's subscriptions: joint states, of either type, and the time of a simulation.
 
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
@@ -16,42 +16,43 @@ use super::topic::TopicSeen;
 use super::wire::{Arrival, FromNetwork};
 use crate::message::{Clock, DynamicJointState, JointState, Text};
 
-/// Messages that may wait within DDS before the oldest are lost: two seconds of the fastest arms.
+/// Largest number of messages that wait within DDS; beyond, the oldest are lost. Two seconds at 1 kHz.
 const DEPTH: usize = 2048;
 
-/// Numbers of the largest joint state, and bytes of the longest name in it: so many may wait.
+/// Largest number of values or names of a joint state.
 const MOST_JOINTS: usize = 1000;
+/// Largest length of a joint name, bytes.
 const LONGEST_NAME: usize = 256;
 
-/// Between two looks at a topic on which a text is awaited.
+/// Interval between checks of a topic while waiting for a text.
 const PEEK: Duration = Duration::from_millis(200);
 
-/// Broken messages looked at in a row.
+/// Largest number of broken messages read in one call.
 const MOST_BROKEN: u32 = 1000;
 
-/// The joint states, and the clock if it is that of `/clock`.
+/// Subscriptions to joint states, and to `/clock` if time is simulated.
 pub(super) struct Subscriber {
     joints: Joints,
     clock: Option<Subscription<Clock>>,
     now: RosClock,
     poll: Poll,
-    /// Number of the last message of each publisher.
+    /// Sequence number of the last message of each publisher.
     last: HashMap<Gid, i64>,
     received: u64,
     lost: u64,
 }
 
-/// A joint state, or why it is none, and where it came from.
+/// A joint state, or why it cannot be decoded, with its publisher and sequence number.
 type Taken = (Result<JointState, String>, MessageInfo);
 
-/// A topic of joint states, of either type.
+/// A subscription to joint states, of either type.
 enum Joints {
     Plain(Subscription<JointState>),
     Dynamic(Subscription<DynamicJointState>),
 }
 
 impl Joints {
-    /// The next message, of whom it is and its number.
+    /// Takes the next message, if there is one.
     fn take(&self) -> Result<Option<Taken>, ReadError> {
         let plain = |(state, info)| (Ok(state), info);
         let dynamic = |(state, info): (DynamicJointState, _)| (state.joint_state(), info);
@@ -69,17 +70,18 @@ impl Joints {
     }
 }
 
-/// What wakes the subscriber.
+/// Sources that wake the subscriber.
 const JOINTS: Token = Token(0);
 const SERVICES: Token = Token(1);
 const CLOCK: Token = Token(2);
 
 impl Network {
-    /// Subscribes to a topic of joint states, and to `/clock` if time is simulated; is woken by requests to `servers`, too.
+    /// Subscribes to a topic of joint states, and to `/clock` if time is simulated. Requests to `servers` wake the
+    /// subscriber too.
     ///
     /// # Errors
     ///
-    /// If its name is none, or DDS refuses.
+    /// If a name is not allowed in ROS, or DDS refuses.
     pub(super) fn subscribe(
         &mut self,
         topic: &TopicSeen,
@@ -131,11 +133,11 @@ impl Network {
         opened.map_err(|error| NetworkError::open(topic, &error))
     }
 
-    /// A text that somebody keeps on a topic for those who come late, if it comes within so long.
+    /// Receives a latched text (transient local) from a topic; `None` if none comes within `patience`.
     ///
     /// # Errors
     ///
-    /// If the topic's name is none, or DDS refuses.
+    /// If the topic's name is not allowed in ROS, or DDS refuses.
     pub(super) fn kept(
         &mut self,
         topic: &str,
@@ -160,15 +162,15 @@ impl Network {
             if left.is_zero() {
                 return Ok(None);
             }
-            // Interrupted by a signal, it is asked again at once; a change that DDS does not signal is seen soon.
+            // An interruption by a signal only repeats the loop. The short wait also finds messages without an event.
             let _ = poll.poll(&mut Events::with_capacity(4), Some(left.min(PEEK)));
         }
     }
 }
 
 impl Subscriber {
-    /// Waits for at most so long or until a request comes, and hands on all joint states that came meanwhile to a process
-    /// that began at `start`.
+    /// Waits for at most `patience`, or until a message or a request comes, and hands on all waiting joint states.
+    /// `start` is when the process began.
     pub(super) fn receive(
         &mut self,
         patience: Duration,
@@ -176,7 +178,7 @@ impl Subscriber {
         mut hand_on: impl FnMut(FromNetwork),
     ) {
         let mut events = Events::with_capacity(4);
-        // Interrupted by a signal, it is asked again at once.
+        // After an interruption by a signal, the caller simply calls again.
         let _ = self.poll.poll(&mut events, Some(patience));
         while let Some(Ok(Some((clock, _)))) = self.clock.as_ref().map(Subscription::take) {
             self.now.set(clock);
@@ -199,7 +201,7 @@ impl Subscriber {
         }
     }
 
-    /// Messages that came, and those that never did although later ones of the same publisher did.
+    /// Numbers of messages received, and of those lost: missing although later ones of the same publisher came.
     pub(super) fn counts(&self) -> (u64, u64) {
         (self.received, self.lost)
     }
@@ -212,7 +214,7 @@ impl Subscriber {
     }
 }
 
-/// A joint state without what nobody reads, or why it is none.
+/// Refuses a joint state that is too large; removes the values that are not used.
 fn check_size(mut state: JointState) -> Result<JointState, String> {
     let most = state.name.len().max(state.position.len()).max(state.effort.len());
     if most > MOST_JOINTS || state.name.iter().any(|name| name.len() > LONGEST_NAME) {

@@ -1,5 +1,4 @@
-//! palpate's side of the network process: starts it, and another one when it has ended, hung or gone
-//! deaf.
+//! palpate's side of the network process: starts it, exchanges messages with it, and ends it.
 
 use std::io;
 use std::net::Shutdown;
@@ -17,14 +16,14 @@ use super::publisher::FlagTopics;
 use super::topic::TopicSeen;
 use super::wire::{Frames, FromNetwork, ToNetwork, send};
 
-/// How long the process may take to join.
+/// Largest time for the process to join the network.
 const JOIN: Duration = Duration::from_secs(10);
-/// How long a robot's description may be on its way.
+/// Largest time to wait for a robot's description.
 const DESCRIPTION: Duration = Duration::from_secs(10);
-/// How long it may take to end, before it is ended.
+/// Time for the process to end by itself, before it is killed.
 const END: Duration = Duration::from_millis(300);
 
-/// How to start the network process, and what it is to do.
+/// The network process: how to start it, and its settings.
 pub struct NetworkProcess {
     command: Box<dyn Fn() -> Command + Send + Sync>,
     config: NetworkConfig,
@@ -35,8 +34,8 @@ pub struct NetworkProcess {
 }
 
 impl NetworkProcess {
-    /// A process that `command` starts: it calls [`super::run_network`]. For a robot of these
-    /// joints, with a guard's flag or without.
+    /// A process that `command` starts, whose program must call [`super::run_network`], for a robot with
+    /// these joints; with a guard's flag if `flag` is given.
     pub fn new(
         command: impl Fn() -> Command + Send + Sync + 'static,
         config: NetworkConfig,
@@ -47,17 +46,17 @@ impl NetworkProcess {
         Self { command, config, joints, flag, parameters: Vec::new(), link }
     }
 
-    /// The same, of a node with parameters.
+    /// Adds parameters to the node.
     #[must_use]
     pub fn with_parameters(self, parameters: Vec<Parameter>) -> Self {
         Self { parameters, ..self }
     }
 
-    /// Starts it.
+    /// Starts the process.
     ///
     /// # Errors
     ///
-    /// If it cannot be started, or cannot join.
+    /// If it cannot be started, or cannot join the network.
     pub(crate) fn start(&self) -> Result<Listener<'_>, NetworkError> {
         let (config, joints) = (self.config.clone(), self.joints.clone());
         let parameters = self.parameters.clone();
@@ -74,12 +73,12 @@ impl NetworkProcess {
         }
     }
 
-    /// The URDF that somebody keeps on a topic, as `robot_state_publisher` does on `/robot_description`. `is_over` is
-    /// asked every now and then whether to go on waiting.
+    /// Receives the URDF from a latched topic, such as `/robot_description` of `robot_state_publisher`. Stops waiting
+    /// when `is_over` returns true.
     ///
     /// # Errors
     ///
-    /// If nobody publishes it within ten seconds, or there is no network.
+    /// If it does not come within ten seconds, waiting was stopped, or there is no network.
     pub fn description(
         &self,
         topic: &str,
@@ -119,7 +118,7 @@ impl NetworkProcess {
         Ok(listener)
     }
 
-    /// The note for the user if time is that of `/clock` and nobody publishes it.
+    /// A note for the user if time is taken from `/clock` and nobody publishes it.
     pub(crate) fn lacks_clock(&self, topics: &[TopicSeen]) -> Option<String> {
         let name = self.config.names.of("/clock");
         let lacks = self.config.sim_time && !topics.iter().any(|topic| topic.name == name);
@@ -131,12 +130,12 @@ impl NetworkProcess {
         })
     }
 
-    /// Sends the process a message; whether it could be sent.
+    /// Sends the process a message; returns whether it could be sent.
     pub(crate) fn send(&self, message: &ToNetwork) -> bool {
         let mut link = self.link();
         let sent = link.as_ref().is_some_and(|stream| send(stream, message).is_ok());
         if !sent && let Some(stream) = link.take() {
-            let _ = stream.shutdown(Shutdown::Both); // whoever listens sees it end
+            let _ = stream.shutdown(Shutdown::Both); // the listener then sees the end
         }
         sent
     }
@@ -146,21 +145,21 @@ impl NetworkProcess {
     }
 }
 
-/// Hears a network process, which ends with it.
+/// Receives from a network process; dropping it ends the process.
 pub(crate) struct Listener<'a> {
     process: &'a NetworkProcess,
     child: Child,
     frames: Frames,
-    /// What it has said at its start.
+    /// The first message of the process, received at its start.
     first: Option<FromNetwork>,
 }
 
 impl Listener<'_> {
-    /// What the process says next, for which it waits for at most so long.
+    /// The next message of the process; `None` if none comes within `patience`.
     ///
     /// # Errors
     ///
-    /// If it has ended, or lost its head.
+    /// If it has ended, or sends invalid data.
     pub(crate) fn next(&mut self, patience: Duration) -> io::Result<Option<FromNetwork>> {
         match self.first.take() {
             Some(first) => Ok(Some(first)),
@@ -168,7 +167,7 @@ impl Listener<'_> {
         }
     }
 
-    /// Ends the process, and says how it has ended.
+    /// Ends the process; returns its exit status.
     pub(crate) fn end(&mut self) -> Option<ExitStatus> {
         if let Some(stream) = self.process.link().take() {
             let _ = stream.shutdown(Shutdown::Both);

@@ -1,24 +1,25 @@
-//! Which of the topics on a network holds the joint states.
+//! Chooses the topic of joint states among those on the network.
 
 use serde::{Deserialize, Serialize};
 
-/// The types that are looked for, the one that is taken first.
+/// The preferred type of joint states.
 const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
+/// The type taken if no topic has the preferred one.
 const DYNAMIC_JOINT_STATE: &str = "control_msgs/msg/DynamicJointState";
 
 /// A topic that somebody publishes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TopicSeen {
-    /// As ROS names it.
+    /// Name in ROS.
     pub name: String,
-    /// Type, as ROS names it.
+    /// Type in ROS.
     pub kind: String,
-    /// Whether all who publish it send again what was lost.
+    /// Whether all its publishers are reliable, that is, resend lost messages.
     pub reliable: bool,
 }
 
 impl TopicSeen {
-    /// From the names of DDS; `None` for what is no topic of ROS.
+    /// From names in DDS; `None` for a topic that is not one of ROS.
     pub(super) fn of_dds(name: &str, kind: &str, reliable: bool) -> Option<Self> {
         let name = name.strip_prefix("rt/")?;
         let kind = kind.replace("::dds_::", "::").replace("::", "/");
@@ -26,18 +27,18 @@ impl TopicSeen {
         Some(Self { name: format!("/{name}"), kind, reliable })
     }
 
-    /// Whether it holds joint states by the names of their interfaces, as ros2_control has them.
+    /// Whether it is a topic of `DynamicJointState`, as ros2_control publishes.
     pub(super) fn is_dynamic(&self) -> bool {
         self.kind == DYNAMIC_JOINT_STATE
     }
 }
 
-/// Chooses the topic that is asked for, or the only one that holds joint states: `DynamicJointState` only where nobody
+/// Chooses the wanted topic, or the only one of joint states. `DynamicJointState` is considered only if nobody
 /// publishes `JointState`.
 ///
 /// # Errors
 ///
-/// Why there is none yet, for the user to read: look again later.
+/// A message for the user if there is no such topic yet; the caller tries again later.
 pub fn choose(topics: &[TopicSeen], wanted: Option<&str>) -> Result<TopicSeen, String> {
     let of_kind = |kind: &str| topics.iter().filter(|topic| topic.kind == kind).collect::<Vec<_>>();
     let (fitting, dynamic) = (of_kind(JOINT_STATE), of_kind(DYNAMIC_JOINT_STATE));
@@ -69,7 +70,7 @@ pub fn choose(topics: &[TopicSeen], wanted: Option<&str>) -> Result<TopicSeen, S
     }
 }
 
-/// What else there is.
+/// The end of an error message: the topics that were found.
 fn others(topics: &[TopicSeen]) -> String {
     let listed: Vec<String> =
         topics.iter().map(|topic| format!("{} ({})", topic.name, topic.kind)).collect();

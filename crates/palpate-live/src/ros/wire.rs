@@ -1,5 +1,5 @@
-//! What palpate and its network process say to each other: frames of postcard over a socket, each
-//! after its length.
+//! Messages between palpate and its network process: frames of postcard over a socket, each preceded
+//! by its length.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
@@ -19,29 +19,29 @@ use crate::message::{
 };
 use crate::session::Detection;
 
-/// Bytes of the largest frame: a cloud of half a million points.
+/// Largest frame, bytes: a cloud of half a million points.
 const LARGEST: usize = 16 << 20;
-/// A peer that takes nothing for so long has hung.
+/// A peer that does not read for this time counts as hanging.
 const PATIENCE: Duration = Duration::from_millis(500);
 
 /// Messages to the network process.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) enum ToNetwork {
-    /// Comes first: which network, the robot's joints, where a guard's flag goes, and the node's parameters.
+    /// First message: the network, joint names, topics of the guard's flag, and parameters of the node.
     Join {
         config: NetworkConfig,
         joints: Vec<String>,
         flag: Option<FlagTopics>,
         parameters: Vec<Parameter>,
     },
-    /// Comes first where a robot's description is all that is wanted: on which topic, and how long to wait for it.
+    /// First message if only a robot's description is wanted: its topic, and how long to wait for it.
     Describe {
         config: NetworkConfig,
         topic: String,
         patience: Duration,
     },
     Subscribe(TopicSeen),
-    /// Why the guard's flag is up, if it is.
+    /// The guard's flag: up for a cause, down for `None`.
     Flag(Option<String>),
     Torques(Torques),
     Contacts(PointCloud2),
@@ -56,29 +56,29 @@ pub(crate) enum ToNetwork {
 pub(crate) enum FromNetwork {
     /// There is no network to join, or a topic cannot be opened.
     Failed(String),
-    /// A robot's description, if it came.
+    /// A robot's description; `None` if it did not come in time.
     Description(Option<String>),
-    /// Who publishes what, after each change until it has subscribed.
+    /// The topics with a publisher; sent after each change until one is subscribed to.
     Topics(Vec<TopicSeen>),
-    /// A joint state, or why it cannot be decoded, and when it came.
+    /// A joint state, or why it cannot be decoded, and its arrival.
     Joints {
         state: Result<JointState, String>,
         came: Arrival,
     },
     Asked(Asked),
     Counts(Counts),
-    /// From the arrival of a sample to the publishing of its prediction.
+    /// Time from the arrival of a sample to the publishing of its prediction.
     Published(Duration),
-    /// Nothing was said about a guard's flag for so long that the process has raised it.
+    /// The process has raised the guard's flag, since its state was not sent for too long.
     Stalled,
 }
 
-/// When a sample came.
+/// Arrival of a sample at the network process.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(crate) struct Arrival {
-    /// Since the network process began.
+    /// Time since the network process began.
     pub(crate) since_start: Duration,
-    /// By the system's clock, s.
+    /// Time of the system clock, or of `/clock` if time is simulated, s.
     pub(crate) at_s: f64,
 }
 
@@ -87,13 +87,13 @@ pub(crate) struct Arrival {
 pub(crate) struct Torques {
     /// Stamp of the sample.
     pub(crate) header: Header,
-    /// When the sample came.
+    /// Arrival of the sample.
     pub(crate) came: Arrival,
     /// τ_ext, n_joints, N·m.
     pub(crate) external_n_m: Vec<f64>,
     /// τ̂, n_joints, N·m.
     pub(crate) predicted_n_m: Vec<f64>,
-    /// How sure τ_ext is, and whether that is a contact, of an arm that was identified.
+    /// Standard deviation of τ_ext and detected contact, for an identified arm.
     pub(crate) detection: Option<Detection>,
 }
 
@@ -104,21 +104,21 @@ pub(crate) struct Asked {
     pub(crate) id: RmwRequestId,
 }
 
-/// What is asked for.
+/// Content of a request.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) enum Request {
     Trigger(Trigger),
     Trajectory(Box<AskTrajectoryRequest>),
 }
 
-/// What is answered.
+/// Answer to a request.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) enum Response {
     Trigger(Trigger, TriggerResponse),
     Trajectory(Box<AskTrajectoryResponse>),
 }
 
-/// What is asked for without another word.
+/// A request without arguments.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) enum Trigger {
     Tare,
@@ -129,7 +129,7 @@ pub(crate) enum Trigger {
 impl Trigger {
     pub(crate) const ALL: [Self; 3] = [Self::Tare, Self::Reset, Self::Save];
 
-    /// The service's name.
+    /// Name of the service.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Tare => "/palpate/tare",
@@ -139,14 +139,14 @@ impl Trigger {
     }
 }
 
-/// Messages of the joint states' topic and of palpate's own.
+/// Numbers of messages.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Counts {
-    /// Those that came.
+    /// Received on the topic of joint states.
     pub(crate) received: u64,
-    /// Those that never came although later ones of the same publisher did.
+    /// Lost on this topic: missing although later ones of the same publisher came.
     pub(crate) lost: u64,
-    /// Those for which there was no room on the way out.
+    /// Not published since a queue was full.
     pub(crate) unsent: u64,
 }
 
@@ -154,7 +154,7 @@ pub(crate) struct Counts {
 ///
 /// # Errors
 ///
-/// If the other side has gone or hung. Part of a frame may have gone out: nothing can follow it.
+/// If the other side has ended or hangs. Part of a frame may have been sent: the stream is then unusable.
 pub(crate) fn send(mut stream: &UnixStream, message: &impl Serialize) -> io::Result<()> {
     let mut frame = postcard::to_extend(message, vec![0; 4]).map_err(io::Error::other)?;
     let length = u32::try_from(frame.len() - 4).map_err(io::Error::other)?;
@@ -168,7 +168,7 @@ pub(crate) fn send(mut stream: &UnixStream, message: &impl Serialize) -> io::Res
 pub(crate) struct Frames {
     stream: UnixStream,
     bytes: Vec<u8>,
-    /// Bytes that have been read into `bytes`.
+    /// Number of bytes read into `bytes`.
     filled: usize,
 }
 
@@ -177,11 +177,11 @@ impl Frames {
         Self { stream, bytes: vec![0; 1 << 16], filled: 0 }
     }
 
-    /// The next frame, for which it waits for at most so long.
+    /// The next frame; `None` if none comes within `patience`.
     ///
     /// # Errors
     ///
-    /// If the other side has gone, or says what nobody understands.
+    /// If the other side has ended, or sends an invalid frame.
     pub(crate) fn next<T: DeserializeOwned>(
         &mut self,
         patience: Duration,
@@ -216,7 +216,7 @@ impl Frames {
         }
     }
 
-    /// Bytes of the first frame with its length, as far as that is known.
+    /// Size of the first frame with its length prefix, bytes; only of the prefix while that is incomplete.
     fn wanted(&self) -> io::Result<usize> {
         let Some(length) = self.bytes[..self.filled].first_chunk::<4>() else { return Ok(4) };
         let length = u32::from_le_bytes(*length) as usize;

@@ -1,8 +1,8 @@
-"""Learns where an object is stiff from what a robot arm's joints feel while the arm touches it.
+"""Learns the stiffness field of an object from joint torques, while a robot arm touches the object.
 
 Joint positions are in rad (m where prismatic), torques in N·m, stiffness in N/m, lengths in m;
-points are in the frame of the robot's base. Arrays that come out are NumPy's, read-only, and share
-their memory with what they came out of.
+points are in the frame of the robot's base. Returned arrays are read-only NumPy arrays, without a
+copy.
 """
 
 from importlib.metadata import version

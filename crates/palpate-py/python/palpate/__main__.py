@@ -1,4 +1,4 @@
-"""The command `palpate`, the same as the program that is built without Python."""
+"""The command `palpate`, identical to the program built without Python."""
 
 import signal
 import sys
@@ -7,9 +7,9 @@ from . import _palpate
 
 
 def main() -> None:
-    """Runs the command with the arguments of this process, and ends it with the command's exit code."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the command listens to Ctrl-C itself
-    # Started again, it takes no module from the folder in which it happens to run.
+    """Runs the command with the arguments of this process, and exits with its exit code."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the command handles Ctrl-C itself
+    # A child process must not import modules from the working directory.
     safely = ["-P"] if sys.version_info >= (3, 11) else []
     sys.exit(_palpate.command(["palpate", *sys.argv[1:]], [sys.executable, *safely, "-m", "palpate"]))
 

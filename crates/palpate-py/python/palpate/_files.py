@@ -1,4 +1,4 @@
-"""Files that tasks read, and how they come to a worker that does not have them."""
+"""The files that tasks read, and their transfer to workers that do not have them."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from pathlib import Path
 from typing import Any
 
 _LEFT_OUT = {".avi", ".gif", ".jpeg", ".jpg", ".mkv", ".mov", ".mp4", ".png", ".tif", ".tiff", ".webm"}
-"""Pictures beside a log, which nobody reads."""
+"""Suffixes of images and videos beside a log, which are not read."""
 
 
 @dataclass(frozen=True)
 class File:
-    """A file as it is now."""
+    """A file, with size and time of its present version."""
 
     path: str
-    """Absolute."""
+    """Absolute path."""
     size: int
     changed_ns: int
 
     def is_here(self) -> bool:
-        """Whether this machine has it, unchanged."""
+        """Whether this machine has the same version of the file."""
         try:
             about = os.stat(self.path)
         except OSError:
@@ -34,9 +34,9 @@ class File:
 
 
 class Files:
-    """All files of some paths, folders with what is in them; those that are not there are left out.
+    """All files at some paths, including those in folders; missing ones are left out.
 
-    Only their digest goes to other processes.
+    Only their digest is sent to other processes.
     """
 
     def __init__(self, paths: Iterable[str]) -> None:
@@ -63,7 +63,7 @@ def _files(paths: Iterable[str]) -> Iterator[File]:
 
 
 def _within(folder: Path) -> Iterator[Path]:
-    """All files in a folder, through links, but no folder twice."""
+    """All files in a folder; follows links, but visits no folder twice."""
     seen: set[str] = set()
     for at, folders, files in os.walk(folder, followlinks=True):
         folders[:] = [name for name in folders if os.path.realpath(os.path.join(at, name)) not in seen]
@@ -72,11 +72,11 @@ def _within(folder: Path) -> Iterator[Path]:
 
 
 _Content = Any
-"""Bytes of a file, as something that has a buffer; None if whoever asks does not send it."""
+"""Content of a file, an object with the buffer protocol; None if the caller does not send it."""
 
 
 class _Copies:
-    """Copies of the files of one log, in a folder that is gone with this process."""
+    """Copies of the files of one log, in a folder that is removed at the end of this process."""
 
     def __init__(self) -> None:
         self._folder: tempfile.TemporaryDirectory[str] | None = None
@@ -86,7 +86,7 @@ class _Copies:
         """The folder with a copy of each file at its own path."""
         if self._folder is None or self._files != files:
             if self._folder is not None:
-                self._folder.cleanup()  # one log at a time
+                self._folder.cleanup()  # only one log is kept
             self._folder = tempfile.TemporaryDirectory(prefix="palpate-")
             self._files = ()
             for file, content in zip(files, contents(), strict=True):
@@ -107,5 +107,5 @@ _copies = _Copies()
 
 
 def brought(files: Sequence[File], contents: Callable[[], Iterable[_Content]]) -> str:
-    """What to put before the paths of some files to find them here: nothing, if they are all here."""
+    """The prefix of paths under which files are found on this machine: empty if all are here already."""
     return "" if all(file.is_here() for file in files) else _copies.folder(files, contents)

@@ -1,4 +1,4 @@
-"""An evaluation whose folds were shared out, put together again."""
+"""Joins the shares of an evaluation whose folds were computed separately."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .results import Evaluation, LeftOut, MethodRow, Share
 
 
 def joined(shares: Sequence[Share]) -> Evaluation:
-    """The evaluation of all folds, of which share `i` of `n` has folds `i`, `i + n` and so on."""
+    """The evaluation of all folds; share `i` of `n` contains folds `i`, `i + n` and so on."""
     first = shares[0]
     places: list[tuple[int, int, LeftOut, dict[str, Any]]] = []
     for share in shares:

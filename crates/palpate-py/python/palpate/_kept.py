@@ -1,4 +1,4 @@
-"""Results on disk, so that work that was broken off goes on: a file each, whole or not at all."""
+"""Saves results, one file each and never partially, so that interrupted work can be continued."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ._tasks import Outcome
 
 
 class Kept:
-    """A folder of outcomes by the keys of their tasks; None keeps nothing."""
+    """A folder of outcomes by the keys of their tasks; with None, nothing is kept."""
 
     def __init__(self, folder: str | os.PathLike[str] | None) -> None:
         self._folder = None if folder is None else Path(folder)
@@ -21,7 +21,7 @@ class Kept:
             self._folder.mkdir(parents=True, exist_ok=True)
 
     def get(self, key: str) -> Outcome | None:
-        """The outcome kept under a key, if it is there and whole."""
+        """The outcome kept under a key; None if it is missing or damaged."""
         if self._folder is None:
             return None
         try:
@@ -32,11 +32,11 @@ class Kept:
 
                 text = arrays["outcome"].tobytes()
                 return Outcome(**json.loads(text, object_hook=with_array))
-        except Exception:  # damage shows as anything: zlib.error, EOFError, NotImplementedError
-            return None  # It is done again, and written anew.
+        except Exception:  # damage causes many types: zlib.error, EOFError, NotImplementedError
+            return None  # the task is done and written again
 
     def put(self, key: str, outcome: Outcome) -> None:
-        """Keeps a result; an error is not kept, as its cause may be gone next time."""
+        """Keeps a result; errors are not kept, since their cause may be gone next time."""
         if self._folder is None or outcome.error is not None:
             return
         arrays: dict[str, Any] = {}
@@ -46,7 +46,7 @@ class Kept:
             arrays[name] = array
             return {"array": name}
 
-        text = json.dumps(vars(outcome), default=name_of)  # which keeps arrays apart
+        text = json.dumps(vars(outcome), default=name_of)  # `name_of` collects the arrays
         arrays["outcome"] = np.frombuffer(text.encode(), dtype=np.uint8)
         path = self._path(key)
         begun = path.with_suffix(f".{os.getpid()}.part")

@@ -1,4 +1,4 @@
-"""Tasks on a Ray cluster, whose workers need not see the files that the tasks read."""
+"""Does tasks on a Ray cluster, whose workers may have no access to the files that the tasks read."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from ._files import File, brought
 from ._tasks import Outcome, Task, do
 
 _PATIENCE_S = 30.0
-"""How long a cluster may take to get a node that is large enough."""
+"""Largest time to wait for a node with enough CPUs, s."""
 
 
 def outcomes(
     tasks: Mapping[str, Task], address: str | None, timeout: float | None
 ) -> Iterator[tuple[str, Outcome]]:
-    """On a Ray cluster: the one in use, that of `address`, or one started here; tasks by key.
+    """Does tasks, given by key, on a Ray cluster: the one in use, that of `address`, or one started here.
 
-    Files go there with the first task that reads them, and a worker that does not see them has copies of one
-    log at a time.
+    Files are sent with the first task that reads them. A worker that does not see them keeps copies of one log at
+    a time.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     try:
@@ -37,7 +37,7 @@ def outcomes(
     if started:
         ray.init(address=address, log_to_driver=False)
     threads = max((task.threads for task in tasks.values()), default=1)
-    # A worker has as many threads for good, so that each number gets workers of its own.
+    # A worker cannot change its number of threads, so each number gets separate workers.
     environment = {"env_vars": {"RAYON_NUM_THREADS": str(threads)}}
     options = {"num_cpus": threads, "max_retries": _workers.TRIES - 1, "runtime_env": environment}
     remote = ray.remote(do_on_ray).options(**options)
@@ -70,7 +70,7 @@ def outcomes(
 
 
 def do_on_ray(task: Task, files: list[tuple[File, Any]]) -> Outcome:
-    """Does a task in a worker of Ray; `files` with where Ray has what is in them."""
+    """Does a task in a worker of Ray; `files` are pairs of a file and Ray's reference to its content, or None."""
     ray: Any = import_module("ray")
 
     def bring() -> str:
@@ -82,7 +82,7 @@ def do_on_ray(task: Task, files: list[tuple[File, Any]]) -> Outcome:
 
 
 def _ray_outcome(ray: Any, ref: Any) -> Outcome:
-    """What came of a task that has ended on Ray."""
+    """The outcome of a task that has ended on Ray."""
     names = ["WorkerCrashedError", "OutOfMemoryError", "NodeDiedError", "ObjectLostError"]
     lost = tuple(getattr(ray.exceptions, name) for name in names)
     try:
@@ -92,7 +92,7 @@ def _ray_outcome(ray: Any, ref: Any) -> Outcome:
 
 
 class _Stored:
-    """What is in files, in Ray's object store as long as there are tasks that read them."""
+    """Contents of files in Ray's object store, as long as there are tasks that read them."""
 
     def __init__(self, ray: Any, tasks: Mapping[str, Task]) -> None:
         self._ray = ray
@@ -103,7 +103,7 @@ class _Stored:
         self._lists: dict[str, Any] = {}
 
     def of(self, task: Task) -> Any:
-        """Where Ray has the list of a task's files, each with where it has what is in it, or None."""
+        """Ray's reference to the list of a task's files, each with the reference to its content, or None."""
         if task.files.digest not in self._lists:
             each = task.files.each
             sent = sum(file.size for file in each) <= _SENT_BYTES or _is_far(self._ray)
@@ -117,14 +117,14 @@ class _Stored:
         return self._contents[file]
 
     def _put(self, file: File) -> Any:
-        """Where Ray has what is in a file; None if it cannot have it, which matters only to who does not see it."""
+        """Ray's reference to the content of a file; None if it cannot be stored (workers may see the file itself)."""
         try:
             return self._ray.put(np.fromfile(file.path, dtype=np.uint8))
         except (OSError, MemoryError, self._ray.exceptions.RayError):
             return None
 
     def done(self, task: Task) -> None:
-        """A task is done, and does not need its files any more."""
+        """Records that a task is done and no longer needs its files."""
         self._left[task.files.digest] -= 1
         if not self._left[task.files.digest]:
             self._lists.pop(task.files.digest, None)
@@ -135,7 +135,7 @@ class _Stored:
 
 
 _SENT_BYTES = 1 << 30
-"""Files of a task that are sent in any case."""
+"""Total size up to which files of a task are always sent; larger ones only to a cluster of several computers."""
 
 
 def _is_far(ray: Any) -> bool:
@@ -144,7 +144,7 @@ def _is_far(ray: Any) -> bool:
 
 
 class _Size:
-    """How much a cluster can do."""
+    """Capacity of a cluster."""
 
     def __init__(self, ray: Any, threads: int) -> None:
         self._ray = ray
@@ -152,7 +152,7 @@ class _Size:
         self._too_small_since: float | None = None
 
     def tasks(self) -> int:
-        """Tasks that it can do at a time. Raises PalpateError if it could never do one."""
+        """Number of tasks at a time. Raises PalpateError if no node has had enough CPUs for `_PATIENCE_S`."""
         nodes = [node for node in self._ray.nodes() if node["Alive"]]
         on_nodes = [int(node["Resources"].get("CPU", 0)) for node in nodes]
         tasks = sum(number // self._threads for number in on_nodes)

@@ -72,16 +72,16 @@ __all__ = [
 _Logs: TypeAlias = _Path | Log | Touch | Sequence[_Path | Log | Touch]
 
 class PalpateError(Exception):
-    """What palpate could not do, and why."""
+    """Base class of the errors of palpate."""
 
 class SettingsError(PalpateError):
-    """Settings or a request that cannot be followed."""
+    """Settings or arguments that are invalid or contradict each other."""
 
 class LogError(PalpateError):
-    """A log that cannot be read, or looks wrong where that is to be an error (`strict`)."""
+    """A log that cannot be read, or that looks wrong while `strict` is set."""
 
 class FileError(PalpateError):
-    """A robot, a field or another file that is not what it should be."""
+    """A robot, field or other file that is missing or invalid, or cannot be written."""
 
 class TouchError(PalpateError):
     """A sample, a touch or a path that cannot be used."""
@@ -95,8 +95,8 @@ class Robot:
 
     `name_or_urdf` is the path of a URDF or the name of a built-in robot, `kinova_gen3` if left out;
     `packages` are folders of ROS packages for `package://` paths of meshes. `options` are the other
-    keys of `palpate.settings.RobotSettings`: a payload, where baked meshes are kept. Meshes are baked
-    at the first use and cached.
+    keys of `palpate.settings.RobotSettings`, such as a payload. Meshes are converted to grids of signed
+    distances at the first use; these are cached.
 
     Raises FileError if there is no such robot or its files are broken.
     """
@@ -109,7 +109,7 @@ class Robot:
     ) -> Robot: ...
     @property
     def name(self) -> str:
-        """Its name, as its URDF has it."""
+        """Name of the robot in its URDF."""
     @property
     def joint_names(self) -> list[str]:
         """Names of the moving joints, in the order of all joint positions and torques."""
@@ -121,12 +121,12 @@ class Robot:
         """Number of moving joints."""
     @property
     def files(self) -> list[Path]:
-        """URDF, meshes and the arm file that it was read from; of a built-in robot none."""
+        """Files that it was read from: URDF and meshes, unless it is built in, and the arm file, if any."""
     @property
     def limits(self) -> NDArray[np.float64]:
         """Lowest and highest position of each joint, (n_joints, 2), rad (m where prismatic); infinite where unlimited."""
     def gravity(self, q: ArrayLike) -> NDArray[np.float64]:
-        """What gravity exerts on the joints at positions `q` (n_joints,) rad: (n_joints,) N·m."""
+        """Torque of gravity on the joints at positions `q` (n_joints,) rad: (n_joints,) N·m."""
     def forward(self, q: ArrayLike, link: str) -> NDArray[np.float64]:
         """Pose of a link at positions `q` (n_joints,) rad: `world_from_link`, (4, 4), m."""
     def __getnewargs_ex__(self) -> tuple[tuple[()], dict[str, Any]]: ...
@@ -142,7 +142,7 @@ class Lattice:
     def __new__(cls, origin: ArrayLike, spacing: float, shape: ArrayLike) -> Lattice: ...
     @staticmethod
     def filling(low: ArrayLike, high: ArrayLike, spacing: float) -> Lattice:
-        """The points that fill the box between the corners `low` and `high` (3,) m."""
+        """The lattice that fills the box from corner `low` to `high` (3,) m, every `spacing` m."""
     @property
     def origin(self) -> list[float]:
         """First point, m."""
@@ -151,10 +151,10 @@ class Lattice:
         """Distance between neighbouring points, m."""
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Points along x, y and z."""
+        """Number of points along x, y and z."""
     @property
     def n_cells(self) -> int:
-        """Points in all."""
+        """Number of points."""
     def cells(self, points: ArrayLike, /) -> NDArray[np.int64]:
         """The cell nearest to each of `points` (M, 3) m: (M,), -1 outside the box."""
     def points(self, cells: ArrayLike, /) -> NDArray[np.float64]:
@@ -168,7 +168,7 @@ class Touch:
     """One touch: an approach, a push and a retreat, T frames.
 
     `q` are joint positions (T, n_joints) rad, `tau` joint torques as logged (T, n_joints) N·m,
-    `time` (T,) s. `joint_names` say the order of the joints, which is the robot's if left out.
+    `time` (T,) s. `joint_names` are the joints of the columns; in the robot's order if left out.
     """
 
     def __new__(
@@ -181,7 +181,7 @@ class Touch:
     ) -> Touch: ...
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name of the touch."""
     @property
     def q(self) -> NDArray[np.float64]:
         """Joint positions, (T, n_joints), rad (m where prismatic)."""
@@ -190,10 +190,10 @@ class Touch:
         """Joint torques as logged, (T, n_joints), N·m."""
     @property
     def time(self) -> NDArray[np.float64] | None:
-        """By the log's clock, (T,), s; None if it has none."""
+        """Time by the log's clock, (T,), s; None if the log has no clock."""
     @property
     def joint_names(self) -> list[str] | None:
-        """Names of the joints in the order of the columns; None if the log does not say."""
+        """Names of the joints in the order of the columns; None if the log does not contain them."""
     def __len__(self) -> int: ...
     def __getnewargs__(self) -> tuple[Any, ...]: ...
 
@@ -201,12 +201,12 @@ class Touch:
 class Log:
     """Touches in files, read as a stream: iterating yields one `Touch` after another.
 
-    `open_log` makes one. Only the touch at hand is in memory, and each `for` starts anew.
+    `open_log` returns it. Only the current touch is in memory; each `for` begins with the first.
     """
 
     @property
     def paths(self) -> list[str]:
-        """Where it is."""
+        """Paths of the log."""
     def __iter__(self) -> TouchIterator: ...
     def __reduce__(self) -> tuple[Any, ...]: ...
 
@@ -220,51 +220,51 @@ class TouchIterator:
 def command(arguments: Sequence[str], call: Sequence[str]) -> int:
     """Runs the command `palpate` in this process, and returns its exit code.
 
-    `arguments`: the command's name and its arguments. `call`: how this process is started again,
-    without the arguments of the command.
+    `arguments`: the command's name and its arguments. `call`: the command line that starts this process
+    again, without the arguments of the command.
     """
 
 def cpus() -> int:
-    """CPUs that this process may use, by its affinity and by its control group."""
+    """Number of CPUs that this process may use, by its affinity and its control group."""
 
 def threads() -> int:
-    """Threads of long calls in this process: those of RAYON_NUM_THREADS when the first was made."""
+    """Number of threads of long calls in this process: RAYON_NUM_THREADS at the time of the first one."""
 
 def open_log(path: _Path | Log | Sequence[_Path | Log], **options: Unpack[LogSettings]) -> Log:
     """Opens one or more logs, which are read as one.
 
     A log is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file
     or a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet. `options` are the keys of
-    `palpate.settings.LogSettings`; parting at pauses (`split_idle`) needs a robot, and is done by
-    what learns from the log.
+    `palpate.settings.LogSettings`; splitting at pauses (`split_idle`) needs a robot, and is done by
+    the function that uses the log.
 
     Raises LogError, which names the file and the remedy.
     """
 
 @final
 class StepReport:
-    """What one sample gave."""
+    """Result of one sample."""
 
     @property
     def contacts(self) -> int:
-        """Points touched."""
+        """Number of cells touched."""
     @property
     def external(self) -> NDArray[np.float64] | None:
-        """External torque, gravity and tare taken off, (n_joints,) N·m; None while taring."""
+        """External torque, with gravity and tare subtracted, (n_joints,) N·m; None while taring."""
     @property
     def predicted(self) -> NDArray[np.float64] | None:
-        """What the field expected before it learnt from the sample, (n_joints,) N·m; None with that."""
+        """External torque predicted before the sample was learnt, (n_joints,) N·m; None while taring."""
 
 @final
 class PathPredictor:
-    """A field at one moment, and the arm with what it touches, to predict the torque of motions.
+    """A copy of a field and of the arm's contacts, to predict the torque of motions.
 
-    `Field.path_predictor` and `Mapper.path_predictor` make one. It stays as it is, and threads may share it.
+    `Field.path_predictor` and `Mapper.path_predictor` return it. It never changes, and threads may share it.
     """
 
     @property
     def n_joints(self) -> int:
-        """Numbers that a point of a path has."""
+        """Number of joints: columns of a path."""
     def ask(
         self,
         path: ArrayLike,
@@ -272,11 +272,11 @@ class PathPredictor:
         start_cells: float | None = None,
         inside: bool = False,
     ) -> Answer:
-        """What torque a motion would meet: `path` is (P, n_joints) rad.
+        """Predicts the external torque along a motion: `path` is (P, n_joints) rad.
 
-        As `Mapper.ask`. A path that does not go on from what the arm touches starts free of contact, and what
-        the links cover at its first point counts as empty. With `inside`, it counts as pushed out to the nearest
-        surface instead: for a posture, or a piece of a path, within the object.
+        Arguments are those of `Mapper.ask`. A path that does not continue from the contacts of the arm starts
+        free of contact: cells that the links cover at its first point count as empty. With `inside`, these cells
+        are pushed out to the nearest surface instead: for a posture, or a piece of a path, in the object.
 
         Raises TouchError if the path cannot be followed.
         """
@@ -287,45 +287,45 @@ class PathPredictor:
         start_cells: float | None = None,
         inside: bool = False,
     ) -> list[Answer]:
-        """What torque each of several motions would meet, to the bit as `ask` says it, on all threads together.
+        """Predicts the external torque along several motions in parallel; results are identical to those of `ask`.
 
         Raises TouchError, with the number of the path, if one cannot be followed.
         """
 
 @final
 class Answer:
-    """What a field says of a path of P points."""
+    """Predicted torques along a path of P points."""
 
     @property
     def torque(self) -> NDArray[np.float64]:
-        """External torque that the path would meet, (P, n_joints), N·m."""
+        """Predicted external torque, (P, n_joints), N·m."""
     @property
     def torque_std(self) -> NDArray[np.float64]:
-        """Its standard deviation by the uncertainty of the springs alone, (P, n_joints), N·m.
+        """Standard deviation of `torque` from the uncertainty of the springs alone, (P, n_joints), N·m.
 
-        It ranks paths by how well their resistance is known; it bounds no error.
+        Use it to rank paths by how well their torque is known; it is no bound of the error.
         """
     @property
     def half_width(self) -> NDArray[np.float64] | None:
-        """Half-width of the band around it at 90 %, or the highest level of the field, (P, n_joints), N·m.
+        """Half-width of the band around `torque`, (P, n_joints), N·m; None if the field has no bands.
 
-        None of a field without bands.
+        Its level is 90 %, or the highest level of the field if that is lower.
         """
     @property
     def peak_half_width(self) -> NDArray[np.float64] | None:
-        """The same of the band that holds the largest torque of a joint along the path, (P, n_joints), N·m."""
+        """As `half_width`, of the band for the largest torque of a joint along the path, (P, n_joints), N·m."""
     @property
     def contacts(self) -> NDArray[np.uint64]:
-        """Points of the lattice touched, (P,)."""
+        """Number of cells touched, (P,)."""
     @property
     def known(self) -> NDArray[np.uint64]:
-        """Those of them that were touched when the field was learnt, (P,)."""
+        """Number of these cells that were touched when the field was learnt, (P,)."""
     @property
     def goes_on(self) -> bool:
-        """Whether the path went on from what the arm touched, rather than free of contact."""
+        """Whether the path continued from the arm's contacts, rather than free of contact."""
     @property
     def stops(self) -> int:
-        """Points of the path where the arm was looked at; the others lie between."""
+        """Number of points at which contacts were computed; torques at the others are interpolated."""
 
 @final
 class Mapper:
@@ -333,9 +333,9 @@ class Mapper:
 
     `robot` is a `Robot`, a name or a path; `method` is `map`, the exact maximum a posteriori, or
     `ekf`, the paper's filter. `settings` are those of the command: the path of a TOML file or a dict
-    of its sections, over which `sections` are laid, such as `contact={"friction": 0.3}` or
-    `lattice=Lattice(...)`; `palpate.settings` has all keys. `prior` is a field that says what is
-    expected of its cells before they are touched. Threads that use one mapper wait for each other.
+    of its sections; `sections` override them, such as `contact={"friction": 0.3}` or
+    `lattice=Lattice(...)`; `palpate.settings` has all keys. `prior` is a field whose stiffness is the
+    prior of its cells. Threads that use the same mapper wait for each other.
 
     Raises SettingsError if a setting is unknown or out of its range.
     """
@@ -355,9 +355,9 @@ class Mapper:
         settings: AnySettings | None = None,
         **sections: Unpack[Sections],
     ) -> Mapper:
-        """Goes on from a field that `save` or `palpate map` wrote, as if it had never stopped.
+        """Resumes mapping from a field that `save` or `palpate map` wrote, as if it had not been interrupted.
 
-        Settings, if given, must agree with the field's own. Raises PalpateError if it was saved
+        Settings, if given, must agree with those of the field. Raises PalpateError if the field was saved
         without its memory or learnt with another robot.
         """
     @staticmethod
@@ -367,7 +367,7 @@ class Mapper:
         settings: AnySettings | None = None,
         **sections: Unpack[Sections],
     ) -> Mapper:
-        """Goes on from a field that has its memory, as `load` does from a file."""
+        """Resumes mapping from a field with memory, as `load` does from a file."""
     @property
     def robot(self) -> Robot:
         """The arm."""
@@ -376,66 +376,66 @@ class Mapper:
         """`map` or `ekf`."""
     @property
     def config(self) -> dict[str, Any]:
-        """The configuration that holds, as the field's file has it."""
+        """The complete configuration, in the form that the field's file contains."""
     def begin_touch(self, name: str = "") -> None:
-        """Starts a touch: the next samples belong to it, and its start gives the tare.
+        """Starts a touch: the next samples belong to it, and the first of them give the tare.
 
-        `Field.without` forgets it by its name.
+        `Field.without` can forget the touch by its name.
         """
     def step(self, q: ArrayLike, tau: ArrayLike, time: float | None = None) -> StepReport:
-        """Learns from one sample: `q` (n_joints,) rad, `tau` (n_joints,) N·m as logged, `time` in s. One within
-        45 ms of the last that was learned from is only predicted. Without times, samples
-        between which the fastest joint moves less than 2 mrad are thinned out.
+        """Learns from one sample: `q` (n_joints,) rad, `tau` (n_joints,) N·m as logged, `time` in s. A sample
+        within 45 ms of the last learnt one is only predicted. Without times, samples between which the fastest
+        joint moves less than 2 mrad are thinned out.
 
-        Raises TouchError if the sample cannot be used; it has then taught nothing.
+        Raises TouchError if the sample cannot be used; nothing is then learnt from it.
         """
     def end_touch(self) -> None:
-        """Ends the touch. Raises TouchError if it was shorter than the tare asked for."""
+        """Ends the touch. Raises TouchError if it had fewer samples than the tare of the settings."""
     def map(self, log: _Logs, progress: Progress = None) -> MapReport:
         """Learns the touches of logs, given by path, as `Log` or as `Touch`, in their order.
 
-        The cells are those of `palpate map --tune=off` to the bit. `progress` is None for a bar where somebody
-        can see it, True, False, or a callable of frames done and in all. Ctrl-C raises
-        KeyboardInterrupt; the mapper then knows all samples before it and can go on.
+        The field is identical to that of `palpate map --tune=off`. `progress` is None for a bar if a terminal
+        or notebook shows it, True, False, or a callable that gets the numbers of frames done and in total.
+        Ctrl-C raises KeyboardInterrupt; the mapper has then learnt all earlier samples and can continue.
         """
     def field(self) -> Field:
-        """The field as it is now, with its memory: a snapshot, which later samples do not change."""
+        """A copy of the present field with its memory; later samples do not change it."""
     def ask(
         self,
         path: ArrayLike,
         resolution_cells: float | None = None,
         start_cells: float | None = None,
     ) -> Answer:
-        """What torque a motion would meet: `path` is (P, n_joints) rad.
+        """Predicts the external torque along a motion: `path` is (P, n_joints) rad.
 
-        Joints go straight from point to point. A path that starts where the arm is in a touch under
-        way goes on from the contacts there, if no point of the arm is further off than `start_cells`
-        cells; any other starts free of contact. Between stops at most `resolution_cells` cells apart
-        torques go in proportion; 0 stops at every point.
+        Joints move linearly from point to point. During a touch, a path continues from the present contacts
+        if no point of the arm is further than `start_cells` cells from its place at the start of the path; any
+        other path starts free of contact. Contacts are computed at stops at most `resolution_cells` cells
+        apart, and torques between them are interpolated; with 0, every point is a stop.
 
         Raises TouchError if the path cannot be followed.
         """
     def path_predictor(self, coarse: bool = False) -> PathPredictor:
-        """The field and the arm as they are now, to say what torque many motions would meet.
+        """A copy of the present field and contacts, to predict the torque of many motions.
 
-        With `coarse`, clusters of cells count as one spring each: torques are off by some percent, and come
-        several times as soon.
+        With `coarse`, each cluster of cells is one spring: this is several times faster, and torques differ
+        by some percent.
         """
     def save(self, path: _Path, memory: bool = True) -> None:
-        """Writes the field as .npz, whole or not at all; without `memory` it cannot be gone on from."""
+        """Writes the field as .npz, never partially; without `memory`, mapping cannot be resumed from it."""
 
 @final
 class Field:
-    """The stiffness of N cells that were touched or expected to be stiff.
+    """The stiffness of N cells that were touched or have a prior of their own.
 
-    Arrays are read-only, share the memory of the field, and are the same object every time.
+    Arrays are read-only and share the memory of the field; each access returns the same object.
     """
 
     @staticmethod
     def load(path: _Path) -> Field:
         """Reads a field that `save` or `palpate map` wrote. Raises FileError."""
     def save(self, path: _Path, memory: bool = True) -> None:
-        """Writes the field as .npz, whole or not at all, with its memory if it has one."""
+        """Writes the field as .npz, never partially; `memory` is whether to include its memory, if it has one."""
     @staticmethod
     def from_arrays(
         points: ArrayLike,
@@ -452,9 +452,9 @@ class Field:
         """A field from arrays: `points` (N, 3) m, `stiffness` (N,) N/m, `std` (N,) N/m, `counts` (N,).
 
         Points must be points of `lattice`, each at most once; `Lattice.cells` finds the nearest.
-        `std` is 0 and `counts` 1 if left out; a count of 0 says that a stiffness is only expected.
-        `untouched` is the stiffness of all other cells, N/m. The contact model and the meaning of
-        torques are those of the settings. Raises ValueError, which names the array and the row.
+        `std` is 0 and `counts` 1 if left out; a count of 0 means that a stiffness is only a prior.
+        `untouched` is the stiffness of all other cells, N/m. The contact model, and sign, gravity and
+        tare of torques, are those of the settings. Raises ValueError, which names the array and the row.
         """
     @property
     def points(self) -> NDArray[np.float64]:
@@ -467,51 +467,51 @@ class Field:
         """Standard deviation of K, (N,), N/m."""
     @property
     def counts(self) -> NDArray[np.uint32]:
-        """Frames that touched each point, (N,); 0 if its stiffness is only expected."""
+        """Number of frames that touched each cell, (N,); 0 if its stiffness is only a prior."""
     @property
     def cells(self) -> NDArray[np.uint32]:
         """Cell number of each point in the lattice, (N,)."""
     @property
     def prior(self) -> NDArray[np.float64] | None:
-        """What K would be had nothing been touched, (N,), N/m; None if that is the same of all."""
+        """Prior mean of K, (N,), N/m; None if it is the same for all cells."""
     @property
     def lattice(self) -> Lattice:
-        """The box that the cells belong to."""
+        """The lattice that contains the cells."""
     @property
     def contact(self) -> ContactSettings:
-        """Settings of the contact model under which it was learnt, as `contact=` takes them."""
+        """Settings of the contact model with which it was learnt, in the form of `contact=`."""
     @property
     def robot_name(self) -> str:
-        """Name of the robot that touched them."""
+        """Name of the robot with which it was learnt."""
     @property
     def untouched(self) -> float:
         """K of all other cells, N/m."""
     @property
     def has_memory(self) -> bool:
-        """Whether mapping can go on from it, and touches be learnt from again."""
+        """Whether the field has its memory, so that mapping can be resumed and touches can be forgotten."""
     def query(
         self, points: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint32]]:
         """Stiffness (M,) N/m, its std (M,) N/m and counts (M,) of the cells at `points` (M, 3) m.
 
-        Cells never touched have the prior's stiffness and std (NaN if the field has no memory, and
-        so does not say) and a count of 0; outside the box both are NaN.
+        Cells never touched have stiffness and std of the prior (std NaN if the field has no memory) and a
+        count of 0; outside of the lattice, stiffness and std are NaN.
         """
     def predict(
         self, q_path: ArrayLike, robot: Robot | _Path | None = None, progress: Progress = None
     ) -> NDArray[np.float64]:
-        """External torque that a motion meets: `q_path` (T, n_joints) rad gives (T, n_joints) N·m.
+        """Predicts the external torque along a motion: `q_path` (T, n_joints) rad gives (T, n_joints) N·m.
 
-        The motion starts free of contact, and every row is a step, as in `palpate predict`. The
-        robot is the one that learnt the field, by name, if left out.
+        The motion starts free of contact, and every row is a step, as in `palpate predict`. If `robot` is
+        left out, it is loaded by `robot_name`.
         """
     def path_predictor(
         self, robot: Robot | _Path | None = None, *, coarse: bool = False
     ) -> PathPredictor:
-        """The field, to say what torque many motions of an arm would meet.
+        """A copy of the field, to predict the torque of many motions of an arm.
 
-        The robot is the one that learnt the field, by name, if left out. With `coarse`, clusters of cells count as one spring
-        each: torques are off by some percent, and come several times as soon.
+        If `robot` is left out, it is loaded by `robot_name`. With `coarse`, each cluster of cells is one
+        spring: this is several times faster, and torques differ by some percent.
         """
     def score(
         self,
@@ -525,8 +525,8 @@ class Field:
     ) -> Score:
         """Predicts the touches of logs and compares with the measured torque, as `palpate predict` does.
 
-        `truth` compares with the true torques beside simulated touches. The settings may change how
-        the log is read (`log`) and what its torques mean (`touch`).
+        `truth` compares with the true torques that are stored beside simulated touches. The settings may
+        change how the log is read (`log`), and sign, gravity and tare of its torques (`touch`).
         """
     def compare(
         self,
@@ -537,10 +537,10 @@ class Field:
         progress: Progress = None,
         **sections: Unpack[FieldSections],
     ) -> Comparisons:
-        """Whether touches of logs contradict the field, and what has changed, as `palpate compare` reports it.
+        """Tests whether touches of logs contradict the field, and what has changed, as `palpate compare` does.
 
-        The settings may change how the log is read (`log`) and what its torques mean (`touch`). Raises FileError if the
-        field has no bands.
+        The settings may change how the log is read (`log`), and sign, gravity and tare of its torques
+        (`touch`). Raises FileError if the field has no bands.
         """
     def next(
         self,
@@ -554,12 +554,13 @@ class Field:
         robot: Robot | _Path | None = None,
         progress: Progress = None,
     ) -> Proposals:
-        """The candidates that would teach most, the best first, each after those before it, as `palpate next` ranks them.
+        """Ranks candidate motions by how much they would teach, the best first, as `palpate next` does.
 
-        `candidates` are motions that could be made, (T, n_joints) rad each, and `task` those whose torques are to be known:
-        the candidates if left out. `box` is a pair of corners, m, whose stiffness is to be known instead. `by` is
-        "variance" or "information". Left out are motions whose predicted torque may pass `limit`, N·m, and motions
-        in which a joint goes beyond its limits. A field with an elastic body takes no `limit`.
+        Each is ranked as if those before it were already made. `candidates` are the possible motions,
+        (T, n_joints) rad each; `task` are the motions whose torques are to be predicted, by default the
+        candidates. With `box`, a pair of corners, m, the stiffness in this box is to be known instead. `by`
+        is the criterion, "variance" or "information". Motions are excluded if their predicted torque may
+        exceed `limit`, N·m, or if a joint exceeds its limits. With an elastic body, `limit` is not possible.
         """
     def without(
         self,
@@ -570,11 +571,11 @@ class Field:
         robot: Robot | _Path | None = None,
         progress: Progress = None,
     ) -> Field:
-        """The field as if some of its touches had never been, as `palpate forget` makes it.
+        """A copy of the field in which some of its touches were never learnt, as `palpate forget` makes it.
 
-        Those of the names or numbers (such as "#3") in `touches`, those before the last `older_than`, and those that touched
-        a point between two corners, `box`, m. Raises PalpateError if the field has no memory, or not all others can be learnt
-        again.
+        Forgotten are the `touches` with these names or numbers (such as "#3"), all touches before the last
+        `older_than`, and those that touched a cell in `box`, a pair of corners, m. Raises PalpateError if the
+        field has no memory, or the other touches cannot all be learnt again.
         """
     def __len__(self) -> int: ...
     def __reduce__(self) -> tuple[Any, tuple[bytes]]: ...
@@ -599,15 +600,19 @@ def evaluate(
     progress: Progress = None,
     **sections: Unpack[Sections],
 ) -> Evaluation:
-    """Compares methods on touches that they have not seen, as `palpate evaluate` does.
+    """Compares methods on held-out touches, as `palpate evaluate` does.
 
-    `methods` are of elastic, map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero always
-    stands beside the others. elastic needs a `cloud` of the object, with `colours`, `viewpoint`,
-    `object_kind` and `root` as for `map_elastic`. Every touch is predicted from all others, in `folds` groups, or those named by
-    `test` from all others. `truth` compares with true torques. In every fold, the settings of map that are not given
-    are chosen among few (`tune="quick"`, if left out), those of map and ekf among many (True), or none (False).
-    `share`, its number from 0 and how many there are, does that share of the folds alone: a `palpate.results.Share`. `reuse` names the logs and the
-    robot as they are now: what was read for the last call of that name serves this one, if settings allow it.
+    `methods` are some of elastic, map, ekf, mlp, gp, knn, uniform and zero, all if left out; zero is
+    always added. elastic needs a `cloud` of the object, with `colours`, `viewpoint`, `object_kind` and
+    `root` as for `map_elastic`. The touches are divided into `folds`, one for each touch if left out;
+    those of a fold are predicted from all others. With `test`, only the touches of these names are
+    predicted, from all others. `truth` compares with true torques.
+
+    `tune` chooses settings in every fold: "quick", also if left out, those of map that are not given,
+    among few candidates; True those of map and ekf, among many; False none. `share` is a number from 0
+    and the number of shares: only this share of the folds is computed, and the result is a
+    `palpate.results.Share`. `reuse` is a name for logs and robot in their present state: data that was
+    read by the last call with the same name is used again, if the settings allow it.
     """
 
 def map_elastic(
@@ -626,11 +631,12 @@ def map_elastic(
     """Learns a field with an elastic body from a cloud, as `palpate map --cloud` does.
 
     `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m, world frame, with
-    `colours` (N, 3) from 0 to 255; `viewpoint` is where the camera stood, (3,) m, searched if left out;
-    `object_kind` is "plant" (stems, branches, leaves) or "cushion" (anything else that gives way), found from the
-    cloud if left out; `root` is where a plant is held, (3,) or one a tree, (R, 3) m, where it meets the ground if
-    left out. Clouds of several cameras are a list of paths, or lists of arrays for `cloud` and `colours`, with
-    `viewpoint` (C, 3).
+    `colours` (N, 3) from 0 to 255. `viewpoint` is the position of the camera, (3,) m, estimated from the
+    cloud if left out. `object_kind` is "plant" (stems, branches, leaves) or "cushion" (any other soft
+    object), also found from the cloud if left out. `root` is the point where a plant is fixed, (3,) m, or
+    one for each tree, (R, 3); if left out, where it meets the ground. Clouds of several cameras are a list
+    of paths, or lists of arrays for `cloud` and `colours`, with `viewpoint` (C, 3).
+
     If `logs` is None, the body has the typical stiffness of other plants. A cloud in which nothing
     stands above its lowest point gives a field without a body.
     """
@@ -647,35 +653,35 @@ def tune(
 ) -> Tuned:
     """Chooses settings by cross-validation on at least three touches, as `palpate tune` does.
 
-    `candidates` are from 2 to 1000, 24 if left out (12 for ekf); `quick` chooses among few, as
-    `palpate map` does. Give the `settings` of the result to other calls.
+    `candidates` is the number of candidates, 2 to 1000, 24 if left out (12 for ekf); `quick` uses only
+    few, as `palpate map` does. Other calls take the `settings` of the result.
     """
 
 @final
 class Extrapolation:
-    """A stiffness for each of N seen points."""
+    """Stiffness estimated at each of N points of a cloud."""
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """The points, (N, 3), m."""
+        """Points of the cloud, (N, 3), m."""
     @property
     def stiffness(self) -> NDArray[np.float64]:
         """K of a cell at each point, (N,), N/m."""
     @property
     def std(self) -> NDArray[np.float64]:
-        """Its standard deviation: of the regression over features, not of single points, (N,), N/m."""
+        """Standard deviation of K: of the regression over features, not of single points, (N,), N/m."""
     @property
     def touched(self) -> NDArray[np.bool_]:
-        """Whether the cell that the point lies in was touched, (N,)."""
+        """Whether the cell that contains the point was touched, (N,)."""
     @property
     def field(self) -> Field:
-        """The field with what untouched cells at seen points are expected to be."""
+        """The field, with the estimates as prior of the untouched cells at points of the cloud."""
     @property
     def method(self) -> str:
         """`torque`, `cells` or `knn`."""
     @property
     def features(self) -> str:
-        """What points were compared by."""
+        """Features by which points were compared."""
 
 def extrapolate(
     field: Field,
@@ -689,13 +695,13 @@ def extrapolate(
     length_scale: float | None = None,
     progress: Progress = None,
 ) -> Extrapolation:
-    """Carries the stiffness of a field over to all that a camera saw, as `palpate extrapolate` does.
+    """Estimates the stiffness of untouched cells that a camera saw, as `palpate extrapolate` does.
 
     `cloud` is the path of a PLY or PCD file with colours, or points (N, 3) m with `colours` (N, 3)
-    from 0 to 255. `method` is torque (if the field has its memory), cells or knn; without it, torque or
-    cells, whichever predicts random halves of the remembered touches better, and `field` is as it was, with
-    a warning, where both predict worse than none. `features` are a colour (chroma, rgb, oklab), height and
-    shape, joined by `+`.
+    from 0 to 255. `method` is torque (if the field has its memory), cells or knn. If it is left out, it is
+    the one of torque and cells that predicts random halves of the remembered touches better; if both
+    predict worse than no extrapolation, `field` is returned unchanged, with a warning. `features` are a
+    colour (chroma, rgb, oklab), height and shape, joined by `+`.
     """
 
 def inspect(
@@ -706,16 +712,16 @@ def inspect(
     progress: Progress = None,
     **sections: Unpack[LearningSections],
 ) -> Inspection:
-    """Says what a log holds and what looks wrong with it, as `palpate inspect` does.
+    """Reports the content of a log and what looks wrong with it, as `palpate inspect` does.
 
-    `log` is a path, a `Log`, a `Touch`, or several, which are read as one. Torques are held against
-    the gravity of the robot; contacts are looked for in the lattice and by the contact model of the
-    settings, such as `lattice=Lattice(...)`, as `Mapper.map` would. `findings` have a `level`
-    (note, warning or error), `what` was seen and the `remedy`, errors first. `log` has the figures: how to
-    read the torques (`reading`), what is touched (`touched`) and those of every touch, N·m, s, rad;
-    it is None if nothing can be read.
+    `log` is a path, a `Log`, a `Touch`, or several, which are read as one. Torques are compared with
+    the gravity of the robot. Contacts are computed as by `Mapper.map`, with lattice and contact model of
+    the settings, such as `lattice=Lattice(...)`. `findings` have a `level` (note, warning or error), `what`
+    was seen and the `remedy`, errors first. `log` has the figures: units, sign and gravity of the log
+    (`reading`), the cells touched (`touched`), and figures of every touch, N·m, s, rad; it is None if
+    nothing can be read.
 
-    Raises SettingsError or FileError; what is wrong with the log itself is a finding.
+    Raises SettingsError or FileError; defects of the log itself are findings.
     """
 
 def identify(
@@ -728,16 +734,17 @@ def identify(
     progress: Progress = None,
     **sections: Unpack[LearningSections],
 ) -> Identified:
-    """Finds payload, friction, bias and delay of an arm from logs of it in free motion, as `palpate identify` does.
+    """Finds payload, friction, bias and delay of an arm from logs of free motion, as `palpate identify` does.
 
-    `log` is a path, a `Log`, a `Touch`, or several. `tool_link` names the link in whose frame the payload is given, the
-    last joint's if left out; with `currents`, or if columns say so, torques are the drives' currents. Returns a dict as the
-    command's JSON: `payload`, `joints`, `bodies`, `delay_s` with values and standard deviations; `touched`, the part of the
-    samples that is left out, since something is touched in them; `read_times`, how far stamps are from the times at which
-    the joints were read; `held_out` with the residual torques, N·m; `misfit`, what is wrong if that is too much, or None;
-    `text` is the file for `Robot(..., arm="arm.toml")` and the command's --arm.
+    `log` is a path, a `Log`, a `Touch`, or several. `tool_link` names the link in whose frame the payload
+    is given, that of the last joint if left out. With `currents`, or if the names of columns show it, the
+    torques are motor currents. Returns a dict like the command's JSON: `payload`, `joints`, `bodies` and
+    `delay_s` with values and standard deviations; `touched`, the share of the samples that is left out
+    because of contact; `read_times`, how far stamps are from the times at which the joints were read;
+    `held_out` with the residual torques, N·m; `misfit`, what is wrong if these are too large, or None;
+    `text`, the content of the file for `Robot(..., arm="arm.toml")` and the command's --arm.
 
-    Raises SettingsError, FileError or PalpateError if the logs do not serve.
+    Raises SettingsError, FileError or PalpateError if the logs cannot be used.
     """
 
 def external_torques(
@@ -753,11 +760,11 @@ def external_torques(
 ) -> list[TouchTorques]:
     """External torques of logs with their standard deviations, as `palpate torque` writes them.
 
-    `log` is a path, a `Log`, a `Touch`, or several; `robot` an arm that was identified, `Robot(..., arm="arm.toml")`, or
-    any other, whose standard deviations are a guess. Returns a dict for each touch: `name`, `time` (T,) s or None, `q` (T,
-    n_joints) rad in the robot's order, `torque` and `std` (T, n_joints) N·m, `statistic` (T,): the largest |torque| over
-    its std, and `threshold`, which contact-free
-    motion passes `false_alarms_per_hour` times an hour; None if nothing says it.
+    `log` is a path, a `Log`, a `Touch`, or several. `robot` is an identified arm, `Robot(..., arm="arm.toml")`,
+    or any other arm, whose standard deviations are then a guess. Returns a dict for each touch: `name`,
+    `time` (T,) s or None, `q` (T, n_joints) rad in the robot's order, `torque` and `std` (T, n_joints) N·m,
+    `statistic` (T,): the largest |torque| / std over the joints, and `threshold`, which the statistic of
+    contact-free motion exceeds `false_alarms_per_hour` times an hour; None if it is not known.
 
     Raises SettingsError, FileError or TouchError.
     """
@@ -765,15 +772,15 @@ def external_torques(
 def default_settings(
     settings: AnySettings | None = None, **sections: Unpack[Settings]
 ) -> dict[str, Any]:
-    """All settings that hold when no more than this is said: a dict of sections with every key."""
+    """All settings, with defaults for those not given: a dict of sections with every key."""
 
 def given_settings(
     settings: AnySettings | None = None, **sections: Unpack[Settings]
 ) -> dict[str, dict[str, Any]]:
-    """The settings that are given, as a dict of sections: a file's, or those of a dict after a check."""
+    """The given settings, from a file or a dict, checked, as a dict of sections."""
 
 def summarised(name: str, errors: Sequence[Errors | None], bands: Sequence[Any]) -> MethodRow:
-    """The row of a method in Table I by its errors and `bands` on touches, as `evaluate` gives them."""
+    """The row of a method in Table I, from its errors and `bands` on the touches as `evaluate` returns them."""
 
 def unpickled_field(bytes: bytes) -> Field:
-    """A field from the bytes that it was pickled as."""
+    """Restores a field from its pickled bytes."""

@@ -1,4 +1,4 @@
-"""How far long work is: a bar of tqdm where that makes sense, or whatever the caller gives."""
+"""Shows the progress of long work: as a bar of tqdm, or by a callable of the caller."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from importlib import import_module
 from typing import Any
 
 Progress = bool | Callable[[int, int | None], object] | None
-"""None for a bar where somebody can see it, True or False, or a callable of steps done and in all."""
+"""None for a bar if a terminal or notebook shows it, True, False, or a callable that gets the numbers of steps done
+and in total."""
 
 
 class Shown:
-    """What the compiled part shows progress to; this one shows it to nobody."""
+    """Receives the progress from the compiled part; this base class shows nothing."""
 
     def __call__(self, done: int, steps: int | None, doing: str) -> None:
         pass
@@ -23,7 +24,7 @@ class Shown:
 
 
 class _Callback(Shown):
-    """A callable of the caller's, which is not asked what is being done."""
+    """Passes the progress to a callable of the caller, without the description."""
 
     def __init__(self, callback: Callable[[int, int | None], object]) -> None:
         self._callback = callback
@@ -33,11 +34,11 @@ class _Callback(Shown):
 
 
 class _Bar(Shown):
-    """A bar of tqdm, a new one for each stretch of work."""
+    """Shows a bar of tqdm, a new one for each stage of the work."""
 
     def __init__(self) -> None:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # without widgets, a notebook gets a bar of text
+            warnings.simplefilter("ignore")  # tqdm warns if a notebook has no widgets, and shows a text bar
             self._tqdm: Any = import_module("tqdm.auto").tqdm
         self._bar: Any = None
         self._stretch: tuple[str, int | None] | None = None
@@ -56,7 +57,7 @@ class _Bar(Shown):
 
 
 def of(progress: Progress) -> Shown:
-    """What to show progress to."""
+    """The object that shows this kind of progress."""
     if progress is None:
         progress = _is_seen() and _has_tqdm()
     if progress is False:
@@ -79,7 +80,7 @@ def _has_tqdm() -> bool:
 
 
 def _is_seen() -> bool:
-    """Whether a terminal or a notebook shows what is printed."""
+    """Whether a terminal or a notebook shows printed text."""
     if sys.stderr is not None and sys.stderr.isatty():
         return True
     ipython = sys.modules.get("IPython")

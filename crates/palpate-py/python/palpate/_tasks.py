@@ -1,4 +1,4 @@
-"""One piece of work on one log, which any process on any machine can do."""
+"""A task on one log, which any process on any machine can do."""
 
 from __future__ import annotations
 
@@ -25,42 +25,42 @@ _CODE = hashlib.sha256(Path(_palpate.__file__).read_bytes()).hexdigest()[:32]
 
 
 def build() -> str:
-    """For which machines palpate was compiled, and a digest of it."""
+    """The platform for which palpate was compiled, and a digest of the binary."""
     return f"{platform.system()} {platform.machine()} {_CODE}"
 
 
 @dataclass(frozen=True)
 class Task:
-    """`evaluate` or `tune` on one log with one choice of settings; of folds, all or a share."""
+    """`evaluate` or `tune` on one log with one choice of settings; for all folds or a share of them."""
 
     what: Literal["evaluate", "tune"]
     log: tuple[list[str], dict[str, Any] | None]
-    """Absolute paths, and options of `open_log` if there are any."""
+    """Absolute paths, and options of `open_log`, if any."""
     settings: dict[str, dict[str, Any]]
     robot: _RobotArgument
     options: dict[str, Any]
-    """Keywords of the function."""
+    """Keyword arguments of the function."""
     files: Files
-    """Those of log and robot, as far as whoever asks sees them."""
+    """Files of log and robot, as far as the calling process sees them."""
     threads: int
     version: str = __version__
-    """Workers of another version would find other numbers."""
+    """A worker of another version refuses the task, since its results could differ."""
     build: str = field(default_factory=lambda: build())
 
     def key(self) -> str:
-        """A digest of all that the result depends on."""
+        """A digest of everything that the result depends on."""
         parts = {**vars(self), "files": self.files.digest}
         del parts["threads"]
         return digest(parts)
 
     def contacts(self) -> str:
-        """A digest of what the contacts along the touches depend on: tasks of one worker share them."""
+        """A digest of everything that the contacts of the touches depend on: a worker reuses them for the next task."""
         sections = {name: keys for name, keys in self.settings.items() if name != "estimator"}
         return digest([self.files.digest, self.log, sections, self.robot])
 
 
 class Maker:
-    """Makes tasks with absolute paths; what they read is looked up once."""
+    """Makes tasks with absolute paths; the files that they read are listed once."""
 
     def __init__(self, robot: Robot | str | None) -> None:
         self._robot: _RobotArgument = None
@@ -78,7 +78,7 @@ class Maker:
         settings: dict[str, dict[str, Any]],
         threads: int,
     ) -> Task:
-        """A task without options."""
+        """A task without keyword arguments."""
         options = None
         named: list[str] = []
         if isinstance(log, Log):
@@ -103,7 +103,7 @@ class Maker:
 
 
 def _absolute(robot: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings of a robot, with absolute paths of what is there."""
+    """Settings of a robot, with absolute paths of existing files."""
 
     def of(path: str) -> str:
         return os.path.abspath(path) if os.path.exists(path) else path
@@ -112,7 +112,7 @@ def _absolute(robot: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_paths(robot: Mapping[str, Any], of: Callable[[str], str]) -> dict[str, Any]:
-    """Settings of a robot with other paths."""
+    """Settings of a robot, with `of` applied to its paths."""
     given = [key for key in ("robot", "arm") if robot.get(key) is not None]
     changed: dict[str, Any] = {key: of(os.fspath(robot[key])) for key in given}
     if robot.get("package_path") is not None:
@@ -121,7 +121,7 @@ def _with_paths(robot: Mapping[str, Any], of: Callable[[str], str]) -> dict[str,
 
 
 def _files_of_robot(robot: _RobotArgument, settings: dict[str, Any]) -> list[str]:
-    """The files that a robot is read from, with the manifests by which its packages are found."""
+    """The files of a robot, with the manifests (package.xml) by which its packages are found."""
     if not isinstance(robot, dict):
         robot = settings if robot is None else {**settings, "robot": robot}
     try:
@@ -129,29 +129,29 @@ def _files_of_robot(robot: _RobotArgument, settings: dict[str, Any]) -> list[str
             warnings.simplefilter("ignore", PalpateWarning)  # the worker reports it
             files = Robot(**robot).files
     except (PalpateError, ValueError, TypeError, OSError):
-        return []  # nor is it said here what is wrong
+        return []  # the worker reports the error
     manifests = {above / "package.xml" for file in files for above in file.absolute().parents}
     return [os.path.abspath(file) for file in [*files, *sorted(manifests)]]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a task."""
+    """Outcome of a task."""
 
     result: dict[str, Any] | None
     error: str | None = None
     """Why there is no result."""
     seconds: float = 0.0
-    """By the worker's clock."""
+    """Computing time, s."""
     warnings: Sequence[str] = ()
 
 
 _alone = threading.Lock()
-"""Warnings are those of the whole process, so that it does one task at a time."""
+"""One task at a time, since warnings are recorded for the whole process."""
 
 
 def do(task: Task, bring: Callable[[], str] = str) -> Outcome:
-    """Does a task; runs in a worker. `bring` says what to put before paths of files to find them here."""
+    """Does a task, in a worker. `bring` returns the prefix of paths under which files are found on this machine."""
     with _alone:
         os.environ["RAYON_NUM_THREADS"] = str(task.threads)  # read at the first long call
         begun = time.perf_counter()
@@ -167,7 +167,7 @@ def do(task: Task, bring: Callable[[], str] = str) -> Outcome:
                 error = str(raised)
             except MemoryError:
                 error = "its worker has not enough memory for it"
-            except BaseException as raised:  # a panic of what is compiled is no Exception
+            except BaseException as raised:  # a panic of the compiled part is not an Exception
                 error = f"a fault of palpate, please report it: {type(raised).__name__}: {raised}"
         messages = [str(one.message) for one in caught if issubclass(one.category, PalpateWarning)]
         if error is None and (threads := _palpate.threads()) != task.threads:
@@ -175,7 +175,7 @@ def do(task: Task, bring: Callable[[], str] = str) -> Outcome:
                 f"a worker works with {threads} threads, not {task.threads}: it was begun with these, and "
                 "cannot change it"
             )
-        if before:  # the paths that the user knows
+        if before:  # show the original paths
             error = None if error is None else error.replace(before, "")
             messages = [text.replace(before, "") for text in messages]
         return Outcome(result, error, time.perf_counter() - begun, messages)
@@ -186,7 +186,7 @@ def _brought(bring: Callable[[], str]) -> str:
         return bring()
     except (OSError, MemoryError):
         raise
-    except Exception as error:  # one of Ray's own
+    except Exception as error:  # an exception of Ray
         raise PalpateError(f"its worker could not get the files: {type(error).__name__}: {error}") from error
 
 
@@ -217,6 +217,6 @@ def _call(task: Task, before: str) -> dict[str, Any]:
     keywords = {**task.options, "settings": settings, "progress": False}
     if task.what == "tune":
         return dict(tune(log, arm, **keywords))
-    seen = Files(map(moved, paths)).digest  # the files may be those of this machine alone
+    seen = Files(map(moved, paths)).digest  # the calling process may not see these files
     reuse = digest([before, task.files.digest, seen, task.log, task.robot])
     return dict(evaluate(log, arm, reuse=reuse, **keywords))

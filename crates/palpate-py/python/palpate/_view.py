@@ -1,4 +1,4 @@
-"""What a camera saw of an object, put into a field to plan with."""
+"""Adds what a camera saw of an object to a field, for planning."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -6,22 +6,22 @@ from numpy.typing import ArrayLike, NDArray
 from ._palpate import Field
 
 _PIXEL_RAD = 0.012
-"""Of the picture that says what the camera did not see."""
+"""Angle of a pixel of the depth image that decides which cells are hidden, rad."""
 
 _HALF = 85
-"""Half of its width in pixels: more than 1 / _PIXEL_RAD."""
+"""Half of the width of this image, pixels; must exceed 1 / _PIXEL_RAD."""
 
 
 def with_view(field: Field, cloud: ArrayLike, viewpoint: ArrayLike) -> Field:
-    """A field to plan with: one of touches, and what a camera at `viewpoint` (3,) m saw of the object at rest.
+    """A field for planning: `field`, corrected by what a camera at `viewpoint` (3,) m saw of the object at rest.
 
-    `cloud` are the seen points of the object alone, (M, 3) m. Within 10 cm of their box, cells in front of them or
-    beside them lose their stiffness: the camera saw that nothing is there. Cells behind them that were neither seen nor
-    touched get the mean stiffness of the touched cells that are left in the box. The new field has neither memory, bands nor
-    an elastic body.
+    `cloud` are the seen points of the object only, (M, 3) m. In their bounding box, enlarged by 10 cm, cells in
+    front of or beside the points lose their stiffness: the camera saw that they are empty. Cells behind the
+    points that were neither seen nor touched get the mean stiffness of the touched cells that remain in the box.
+    The new field has no memory, no bands and no elastic body.
 
-    Everything in that box must be in the picture, and nothing else may hide it, such as the arm: what the camera did not
-    see at all counts as seen to be empty.
+    The whole box must be in the camera's image, and nothing else, such as the arm, may hide it: a direction
+    without seen points counts as empty.
     """
     seen, eye, lattice = np.asarray(cloud, dtype=np.float64), np.asarray(viewpoint, dtype=np.float64), field.lattice
     if seen.ndim != 2 or seen.shape[1] != 3 or not len(seen) or eye.shape != (3,):
@@ -37,7 +37,7 @@ def with_view(field: Field, cloud: ArrayLike, viewpoint: ArrayLike) -> Field:
         return np.round((points - eye) / distance[:, None] / _PIXEL_RAD).astype(np.int64) + _HALF, distance
 
     pixels, distances = directions(seen)
-    first = np.full((2 * _HALF + 1,) * 3, np.inf)  # the nearest seen point of each direction
+    first = np.full((2 * _HALF + 1,) * 3, np.inf)  # distance of the nearest seen point in each direction, m
     for shift in around:
         np.minimum.at(first, tuple((pixels + shift).T), distances)
     pixels, distances = directions(lattice.points(unseen))

@@ -1,7 +1,7 @@
-"""Who does tasks: processes of this machine, or an executor; `_on_ray` has Ray. Outcomes come as they are done.
+"""Does tasks in processes of this machine or by an executor (`_on_ray`: on Ray). Outcomes come as they are done.
 
-A worker that is lost takes nothing along: what it was doing is done again by another, up to `TRIES`
-times, after which the task has an outcome that says so. What an executor does then is its own affair.
+If a worker dies, its task is done again by another one, up to `TRIES` times; then the outcome is an error.
+Executors handle this themselves.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from ._tasks import Outcome, Task, do
 
 
 class Submits(Protocol):
-    """An executor, if only by its one method, whose results have `done`, `result` and `cancel`."""
+    """An executor: any object with this method, which returns futures with `done`, `result` and `cancel`."""
 
     def submit(self, call: Callable[..., Any], /, *arguments: Any) -> Any:
-        """Has a call made by a worker."""
+        """Lets a worker make a call."""
 
 
 TRIES = 4
@@ -31,24 +31,24 @@ TRIES = 4
 LOST = f"its worker died {TRIES} times, for want of memory perhaps; see what the system's log says"
 
 LOOK_S = 2.0
-"""How often it is looked whether waiting makes sense."""
+"""Interval at which time-out and size of the cluster are checked, s."""
 
 _BEGIN_S = 300.0
-"""How long the first process may take to start."""
+"""Largest time for the first process to start, s."""
 
 QUEUED = 256
-"""Tasks that a cluster has at a time at least, so that it never waits for the one who asks."""
+"""Number of tasks submitted at a time, on Ray at least, so that workers never wait for new tasks."""
 
 
 class Clock:
-    """Ends a wait in which no task ends."""
+    """Time-out of a wait in which no task ends."""
 
     def __init__(self, timeout: float | None) -> None:
         self._timeout = timeout
         self._since = time.monotonic()
 
     def done(self) -> None:
-        """A task has ended."""
+        """Records that a task has ended."""
         self._since = time.monotonic()
 
     def look(self, under_way: int) -> None:
@@ -64,7 +64,7 @@ class Clock:
 def processes(
     tasks: Mapping[str, Task], workers: int | None, timeout: float | None
 ) -> Iterator[tuple[str, Outcome]]:
-    """In so many processes of this machine, as many as its CPUs allow if None; tasks by key."""
+    """Does tasks, given by key, in processes of this machine; as many as its CPUs allow if `workers` is None."""
     threads = max((task.threads for task in tasks.values()), default=1)
     workers = workers or max(1, cpus() // threads)
     tries: Counter[str] = Counter()
@@ -81,13 +81,13 @@ def processes(
 def _in_a_pool(
     tasks: Mapping[str, Task], workers: int, tries: Counter[str], timeout: float | None
 ) -> Iterator[tuple[str, Outcome]]:
-    """Until all is done or a process dies, which no pool survives; counts who was at work then."""
+    """Does tasks until all are done or a process dies, which ends the pool; `tries` counts the tasks under way then."""
     others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
     running: dict[Any, str] = {}
     try:
         _check(pool)
-        # As many at a time as there are workers: all of these are at work.
+        # Submits no more tasks than there are workers, so that all submitted tasks are under way.
         yield from _each(pool, tasks, running, workers, timeout)
     except BrokenProcessPool:
         tries.update(running.values())
@@ -98,7 +98,7 @@ def _in_a_pool(
 
 
 def _check(pool: ProcessPoolExecutor) -> None:
-    """Raises RuntimeError if processes die before they could do anything."""
+    """Raises RuntimeError if processes die at their start."""
     try:
         pool.submit(os.getpid).result(_BEGIN_S)
     except TimeoutError as error:
@@ -113,7 +113,7 @@ def _check(pool: ProcessPoolExecutor) -> None:
 def in_executor(
     tasks: Mapping[str, Task], executor: Submits, timeout: float | None
 ) -> Iterator[tuple[str, Outcome]]:
-    """By an executor's `submit`, whose workers see the files; tasks by key."""
+    """Does tasks, given by key, with an executor, whose workers see the files."""
     running: dict[Any, str] = {}
     try:
         yield from _each(executor, tasks, running, QUEUED, timeout)
@@ -129,7 +129,7 @@ def in_executor(
 def _each(
     executor: Submits, tasks: Mapping[str, Task], running: dict[Any, str], most: int, timeout: float | None
 ) -> Iterator[tuple[str, Outcome]]:
-    """Submits tasks, at most so many at a time, and gives out what is done. `running` has the others' keys."""
+    """Submits tasks, at most `most` at a time, and yields their outcomes. `running`: keys of the submitted tasks."""
     clock, waiting = Clock(timeout), iter(list(tasks.items()))
     while True:
         while len(running) < most and (following := next(waiting, None)) is not None:
@@ -144,18 +144,18 @@ def _each(
 
 
 def _ended(running: Mapping[Any, str]) -> list[Any]:
-    """Those that have ended, after a while or as soon as there is one."""
+    """The futures that have ended; waits a while if there is none."""
     if all(isinstance(future, Future) for future in running):
         done = wait(running, LOOK_S, FIRST_COMPLETED).done
         return [future for future in running if future in done]
-    ended = [future for future in running if future.done()]  # such as jobs of submitit
+    ended = [future for future in running if future.done()]  # for example jobs of submitit
     if not ended:
         time.sleep(LOOK_S / 10)
     return ended
 
 
 def outcome_of(result: Callable[[], Outcome], raised: type[Exception] | tuple[()] = ()) -> Outcome:
-    """What came of a task, if it was only that its worker could not do it; some errors are `raised`."""
+    """The outcome of a task; an error of its worker becomes an outcome with an error, except those in `raised`."""
     try:
         return result()
     except raised:

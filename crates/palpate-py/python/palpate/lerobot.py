@@ -1,7 +1,8 @@
 """External torques and predictions as features of a LeRobot data set.
 
-`palpate.open_log`, and everything that takes a log, reads the data sets of LeRobot (versions 2 and 3). `annotate` writes
-one again with what palpate says of each frame. Needs pyarrow: ``pip install 'palpate[lerobot]'``.
+`palpate.open_log`, and all functions that take a log, read the data sets of LeRobot (versions 2 and 3). `annotate`
+writes a copy of one with external and predicted torques of each frame. Needs pyarrow:
+``pip install 'palpate[lerobot]'``.
 """
 
 import json
@@ -33,20 +34,20 @@ def annotate(
     settings: AnySettings | None = None,
     progress: Progress = None,
 ) -> dict[str, list[int]]:
-    """Writes a LeRobot data set again, with palpate's features beside its own.
+    """Writes a copy of a LeRobot data set with palpate's features in addition.
 
-    `dataset` is the folder with `data/` and `meta/`; `output` must not be there yet, and appears whole or not at all. Its
-    videos are links to those of `dataset` where the system allows it. `robot` is an arm as for `external_torques`.
+    `dataset` is the folder with `data/` and `meta/`; `output` must not exist, and is never written partially. Its
+    videos are links to those of `dataset` if the system allows it. `robot` is an arm as for `external_torques`.
 
     | feature                                  | float32, (n_joints,), N·m                              |
     |------------------------------------------|--------------------------------------------------------|
-    | `observation.external_torque`            | what the object exerts on the joints                   |
+    | `observation.external_torque`            | torque that the object exerts on the joints            |
     | `observation.external_torque_std`        | its standard deviation                                 |
-    | `observation.predicted_torque`           | with `field`: what it says of the episode's motion     |
-    | `observation.predicted_torque_half_width`| the same, of a field with bands: half-width at 90 %    |
+    | `observation.predicted_torque`           | with `field`: predicted for the episode's motion       |
+    | `observation.predicted_torque_half_width`| with a field with bands: half-width at 90 %            |
 
-    Features have statistics in `meta/`, as LeRobot wants them. Returns their names with their shapes. Raises FileError if
-    `dataset` is none or `output` is there, LogError or TouchError if it cannot be read as a log.
+    Features have statistics in `meta/`, as LeRobot requires. Returns their names with their shapes. Raises FileError if
+    `dataset` is not a data set or `output` exists, LogError or TouchError if `dataset` cannot be read as a log.
     """
     source, target = Path(dataset), Path(output)
     info = _info(source)
@@ -107,7 +108,7 @@ def _features(touch: TouchTorques, mapper: Mapper | None) -> _Arrays:
 
 
 def _copy(source: Path, partial: Path) -> None:
-    """All of a data set; videos and images, which nobody changes, as links."""
+    """Copies a data set; videos and images, which are not changed, as links."""
 
     def linked(old: str, new: str) -> None:
         try:
@@ -125,7 +126,7 @@ def _copy(source: Path, partial: Path) -> None:
 
 
 def _extend(path: Path, episodes: dict[str, _Arrays], rows: dict[str, int], names: list[str]) -> None:
-    """Adds the features of its rows to a file of frames; `rows` counts those of each episode so far."""
+    """Adds features to a file of frames; `rows` is the number of frames of each episode so far."""
     table = pq.read_table(path)
     if "episode_index" in table.column_names:
         keys = [f"episode_{number}" for number in table["episode_index"].to_pylist()]
@@ -149,7 +150,7 @@ def _extend(path: Path, episodes: dict[str, _Arrays], rows: dict[str, int], name
     huggingface = json.loads(metadata.get(b"huggingface", b"null")) or {}
     features = huggingface.get("info", {}).get("features")
     if features is not None:
-        # Lists are called otherwise since version 4 of datasets, and each version reads what is written here already.
+        # Version 4 of datasets has another name for lists; take the one that the file already uses.
         lists = (own["_type"] for own in features.values() if "feature" in own)
         kind = next(lists, "Sequence")
         for name in names:
@@ -167,7 +168,7 @@ def _other_frames(path: Path, episode: str) -> FileError:
 
 
 def _statistics(meta: Path, episodes: dict[str, _Arrays], names: list[str]) -> None:
-    """Adds the features to the statistics that the data set has: of all frames, or of each episode."""
+    """Adds the features to the existing statistics of the data set: of all frames, or of each episode."""
     whole = meta / "stats.json"
     if whole.exists():
         stats = json.loads(whole.read_text())

@@ -2,7 +2,7 @@
 
     cost = FieldCost(field.path_predictor(coarse=True))
     cost.cost(paths)              # the largest torque of a joint along each path, N·m
-    cost.limit(paths, 5.0)        # where each path passes 5 N·m
+    cost.limit(paths, 5.0)        # the row at which each path exceeds 5 N·m
     found = plan(cost, start, goal, robot.limits)
 
 `FieldCost` serves any planner. `validity_checker`, `motion_validator` and `objective` are for OMPL, and `plan` is a
@@ -35,19 +35,20 @@ _Paths = ArrayLike | Sequence[ArrayLike]
 _Valid = Callable[[_Array], bool]
 
 _VIA = 7
-"""Rows of a path that are varied."""
+"""Number of rows of a path that are varied."""
 
 
 class FieldCost:
-    """What motions cost by a field.
+    """The cost of motions according to a field.
 
-    `by` says how: "peak", the largest absolute torque of any joint along the path, N·m; or "work", what the arm spends
-    on the object, J: the sum over joints of -torque times movement where that is positive. What springs give back does
-    not count. A path is evaluated at its rows, and between them so that no joint moves more than `step_rad`.
+    `by` is the kind of cost: "peak", the largest absolute torque of any joint along the path, N·m; or "work", the work
+    of the arm on the object, J: the sum over joints of -torque times displacement where positive. Work that the springs
+    return is not subtracted. A path is evaluated at its rows, and between them so that no joint moves more than
+    `step_rad`.
 
-    One path is (P, n) rad, joints go straight from row to row. Several are (N, P, n), or a sequence of (P, n) with P of
-    their own. A path starts free of contact. With `inside`, it is a piece of a path, or a posture, that begins in the
-    object: what the links cover at the first row is pushed out to the nearest surface.
+    One path is (P, n) rad; joints move linearly from row to row. Several paths are (N, P, n), or a sequence of (P,
+    n) with different P. A path starts free of contact. With `inside`, it is a piece of a path, or a posture, that
+    begins in the object: cells that the links cover at the first row are pushed out to the nearest surface.
     """
 
     def __init__(
@@ -64,7 +65,7 @@ class FieldCost:
         self.predictor, self.by, self.step_rad = predictor, by, step_rad
 
     def cost(self, paths: _Paths, *, inside: bool = False) -> _Array:
-        """Costs of paths, (N,), N·m or J; of one path, ()."""
+        """Costs of paths, (N,), N·m or J; () for one path."""
         several, one = self._several(paths)
         costs = [self._of(rows, answer.torque) for _, rows, answer in self._answers(several, inside)]
         return np.array(costs[0] if one else costs)
@@ -72,10 +73,10 @@ class FieldCost:
     def limit(
         self, paths: _Paths, max_torque: float, *, with_band: bool = False, inside: bool = False
     ) -> NDArray[np.int64]:
-        """The first row of each path at which, or on the way to which, a joint's torque is above `max_torque`, N·m.
+        """The first row of each path at which, or just before which, a joint's torque exceeds `max_torque`, N·m.
 
-        (N,), or () of one path; -1 where it stays below. With `with_band`, the half-width of the band for largest torques is
-        added to it; ValueError if the field has no bands.
+        (N,), or () for one path; -1 if the torque stays below. With `with_band`, the half-width of the band for the
+        largest torque of the path is added to the torque; ValueError if the field has no bands.
         """
         if not max_torque >= 0.0:
             raise ValueError(f"`max_torque` is {max_torque}; wanted 0 N·m or more")
@@ -94,7 +95,8 @@ class FieldCost:
     def torque_at(self, postures: ArrayLike) -> _Array:
         """The torque at each of `postures` (M, n) rad in the object: (M, n), N·m.
 
-        The object gives way to the nearest surface. On its way there an arm drags more along, so a path meets more.
+        Cells are pushed out to the nearest surface of a link. A path to the posture has larger torques, since the
+        arm also drags cells along.
         """
         q = np.asarray(postures, dtype=np.float64)
         if q.ndim != 2 or q.shape[1] != self.predictor.n_joints:
@@ -103,18 +105,18 @@ class FieldCost:
         return np.array([answer.torque[0] for answer in answers]).reshape(q.shape)
 
     def rows(self, path: ArrayLike) -> _Array:
-        """A path (P, n) with rows between its own, so that no joint moves more than `step_rad` from row to row."""
+        """A path (P, n) with interpolated rows, so that no joint moves more than `step_rad` from row to row."""
         return self._rows(self._several(np.asarray(path, dtype=np.float64))[0][0])[0]
 
     def _rows(self, path: _Array) -> tuple[_Array, NDArray[np.int64]]:
-        """The rows at which a path is evaluated, and which of them are its own, (P,)."""
+        """The rows at which a path is evaluated, and the indices of the original rows among them, (P,)."""
         moved = np.abs(np.diff(path, axis=0)).max(1, initial=0.0)
         counts = np.maximum(np.ceil(moved / self.step_rad - 1e-9), 1).astype(np.int64)
         parts = [a + (b - a) * np.arange(n)[:, None] / n for a, b, n in zip(path, path[1:], counts, strict=False)]
         return np.concatenate([*parts, path[-1:]]), np.concatenate([[0], np.cumsum(counts)])
 
     def _several(self, paths: _Paths) -> tuple[list[_Array], bool]:
-        """Paths as arrays, and whether it was one alone."""
+        """Paths as arrays, and whether a single path was given."""
         n = self.predictor.n_joints
         try:
             given = list(paths)  # type: ignore[arg-type]
@@ -131,7 +133,7 @@ class FieldCost:
         return several, one
 
     def _answers(self, paths: list[_Array], inside: bool) -> list[tuple[NDArray[np.int64], _Array, Answer]]:
-        """Of each path which rows are its own, all rows, and what the field says there."""
+        """For each path the indices of its original rows, all rows, and the predicted torques."""
         rows = [self._rows(path) for path in paths]
         answers = self.predictor.ask_all([own for own, _ in rows], inside=inside) if rows else []
         return [(ends, own, answer) for (own, ends), answer in zip(rows, answers, strict=True)]
@@ -143,10 +145,10 @@ class FieldCost:
 
 
 def validity_checker(cost: FieldCost, si: Any, max_torque: float, valid: _Valid | None = None) -> Any:
-    """A StateValidityChecker of OMPL: postures at which no torque is above `max_torque`, N·m.
+    """A StateValidityChecker of OMPL: accepts postures at which no torque exceeds `max_torque`, N·m.
 
-    `si` is a SpaceInformation of a RealVectorStateSpace. `valid` says whether a posture (n,) is free of self-collision,
-    of the ground, and of all that the field does not know.
+    `si` is a SpaceInformation of a RealVectorStateSpace. `valid` returns whether a posture (n,) is free of
+    collisions of the robot with itself, the ground, and all objects that are not in the field.
     """
     base, n = _ompl()[0], cost.predictor.n_joints
 
@@ -158,9 +160,9 @@ def validity_checker(cost: FieldCost, si: Any, max_torque: float, valid: _Valid 
 
 
 def motion_validator(cost: FieldCost, si: Any, max_torque: float, valid: _Valid | None = None) -> Any:
-    """A MotionValidator of OMPL: straight motions along which no torque is above `max_torque`, N·m.
+    """A MotionValidator of OMPL: accepts straight motions along which no torque exceeds `max_torque`, N·m.
 
-    Each is asked about at once, which is faster than its postures one by one and misses less.
+    It checks a motion as a whole, which is faster and more reliable than checking single postures.
     """
     base, n = _ompl()[0], cost.predictor.n_joints
 
@@ -174,10 +176,10 @@ def motion_validator(cost: FieldCost, si: Any, max_torque: float, valid: _Valid 
 
 
 def objective(cost: FieldCost, si: Any) -> Any:
-    """An OptimizationObjective of OMPL: the cost of each motion as a piece of a path; the largest of them if by peak.
+    """An OptimizationObjective of OMPL: the sum of the costs of the pieces of a path, or their maximum for "peak".
 
-    A piece does not know what the arm drags along from earlier ones, so a path may cost more than its pieces: compare
-    paths by `FieldCost.cost`.
+    A piece neglects cells that the arm drags along from earlier pieces, so a path may cost more than its pieces:
+    compare paths by `FieldCost.cost`.
     """
     base, n = _ompl()[0], cost.predictor.n_joints
 
@@ -191,27 +193,27 @@ def objective(cost: FieldCost, si: Any) -> Any:
         return base.Cost(0.0)
 
     def is_symmetric(_: Any) -> bool:
-        return False  # it costs more to push than to come back
+        return False  # pushing costs more than retreating
 
     whole = {"stateCost": nothing, "identityCost": nothing, "isSymmetric": is_symmetric}
     return _made(base.OptimizationObjective, si, motionCost=of_motion, combineCosts=combined, **whole)
 
 
 def _made(base: Any, si: Any, **methods: Callable[..., Any]) -> Any:
-    """An object of a subclass of one of OMPL's with these methods."""
+    """An instance of a subclass of an OMPL class, with these methods."""
     return type(base.__name__, (base,), methods)(si)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A planned path: (P, n) rad, no joint moves more than the cost's `step_rad` from row to row."""
+    """A planned path: (P, n) rad; no joint moves more than the cost's `step_rad` from row to row."""
 
     path: _Array
-    via: _Array  # the rows between which it is straight, (V, n) rad
-    torque: _Array  # external torque along it, (P, n), N·m
+    via: _Array  # via points: the path is straight between them, (V, n) rad
+    torque: _Array  # predicted external torque along the path, (P, n), N·m
     cost: float  # N·m or J
-    straight_cost: float  # of the straight path
-    seconds: float  # that planning took
+    straight_cost: float  # cost of the straight path
+    seconds: float  # planning time, s
 
 
 def plan(
@@ -230,13 +232,14 @@ def plan(
 ) -> Plan | None:
     """Plans a path from `start`, which is free of contact, to `goal`, both (n,) rad; None if no valid one was found.
 
-    `limits` (n, 2) rad are `Robot.limits`; no joint goes further than `margin_rad` beyond start, goal and `guesses`. `valid` is as
-    for `validity_checker`.
-    For a third of `seconds`, RRT-Connect of OMPL searches paths below lower and lower torques; `guesses`, paths (P, n) from
-    start to goal such as `Plan.via` by a faster cost, take the place of this search. Then these and the straight path are
-    varied at random, in batches of `batch`, and compared as whole paths: by cost and `length_weight` (N·m or J for each
-    rad) times length in joint space. If the straight path is valid, none that costs more is returned. `seed` is of the
-    variation; OMPL draws its own numbers.
+    `limits` (n, 2) rad are `Robot.limits`; no joint moves further than `margin_rad` beyond start, goal and `guesses`.
+    `valid` is as for `validity_checker`.
+
+    For a third of `seconds`, RRT-Connect of OMPL searches for paths below lower and lower torques. `guesses`
+    replace this search: paths (P, n) from start to goal, such as `Plan.via` of a plan with a faster cost. Then
+    these paths and the straight one are varied at random, in batches of `batch`, and compared as whole paths: by
+    cost plus `length_weight` (N·m or J per rad) times length in joint space. If the straight path is valid, no path
+    that costs more is returned. `seed` is for the variation; OMPL uses its own random numbers.
     """
     begun = perf_counter()
     n, bounds = cost.predictor.n_joints, np.asarray(limits, dtype=np.float64)
@@ -293,7 +296,7 @@ def _varied(
     batch: int,
     rng: np.random.Generator,
 ) -> _Scored:
-    """The best allowed one of a path and a batch of variants of it, with a bump at a random place."""
+    """The best allowed path among a path and a batch of variants, each with a smooth random bump."""
     score, path, size = own
     via = path if len(path) >= _VIA else _evenly(path, _VIA)
     middle, width = rng.uniform(0, len(via) - 1, (batch, 1)), rng.uniform(0.5, 0.5 * len(via), (batch, 1))
@@ -308,7 +311,7 @@ def _varied(
 
 
 def _evenly(path: _Array, count: int) -> _Array:
-    """`count` rows at equal distances along a path."""
+    """`count` rows equally spaced along a path."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     at = np.linspace(0.0, along[-1], count)
     return np.stack([np.interp(at, along, joint) for joint in path.T], axis=1)
@@ -317,7 +320,7 @@ def _evenly(path: _Array, count: int) -> _Array:
 def _connected(
     cost: FieldCost, ends: _Array, box: tuple[_Array, _Array], valid: _Valid | None, until: float
 ) -> list[_Array]:
-    """Paths of RRT-Connect: four tries, each below half the torque of the last one, or more if that found none."""
+    """Paths of RRT-Connect: four tries; each halves the limit of torque, or raises it by 40 % if none was found."""
     base, geometric, util = _ompl()
     n = cost.predictor.n_joints
     space, bounds = base.RealVectorStateSpace(n), base.RealVectorBounds(n)

@@ -1,8 +1,8 @@
-"""`evaluate` and `tune` over many logs and settings, in local processes, on a Ray cluster or by an executor.
+"""`evaluate` and `tune` for many logs and settings, in local processes, on a Ray cluster or by an executor.
 
-Results come as they are done. With `keep`, finished work is kept and not done again, whatever happened
-in between. An error ends its own run alone. What a process or a worker of Ray was doing when it was lost is
-done by another; executors have rules of their own.
+Results are returned as they are finished. With `keep`, finished work is saved and not repeated after an
+interruption. An error ends only its own run. The task of a local process or Ray worker that dies is done again by
+another one; executors have their own rules.
 
     import palpate.ray
 
@@ -44,18 +44,18 @@ _Settings: TypeAlias = Mapping[str, AnySettings] | Sequence[AnySettings] | None
 
 @dataclass(frozen=True, eq=False)
 class Run(Generic[Result]):
-    """One log with one choice of settings."""
+    """Result for one log with one choice of settings."""
 
     log: str
     """Name of the log."""
     settings: str
-    """Name of the settings, their number if they were given in a row."""
+    """Name of the settings; their number if they were given in a list."""
     result: Result | None
-    """What the function of this name in `palpate` returns; None after an error."""
+    """Result of `palpate.evaluate` or `palpate.tune`; None after an error."""
     error: str | None
-    """Why there is no result: other runs go on."""
+    """Why there is no result; other runs are not affected."""
     seconds: float
-    """What the work took, whenever it was done, s."""
+    """Computing time of the result, also if it was kept from an earlier call, s."""
 
     def get(self) -> Result:
         """The result. Raises PalpateError if there is none."""
@@ -82,21 +82,22 @@ def evaluate(
     timeout: float | None = None,
     progress: Progress = None,
 ) -> Iterator[Run[Evaluation]]:
-    """Evaluates every log with every choice of settings, as `palpate.evaluate` does one.
+    """Evaluates every log with every choice of settings, as `palpate.evaluate` does for one.
 
-    `logs` are one log an object, by name or in a row; `settings` are one dict of sections or TOML
-    file a choice, by name or in a row. The folds of each are divided into `shares` tasks: more for
-    few long logs. `keep` is a folder of finished work, this call's or others'.
+    `logs` are one log for each object, and `settings` one dict of sections or TOML file for each choice;
+    both by name or in a list. The folds of each run are divided into `shares` tasks; choose more for few
+    long logs. `keep` is a folder for finished work, which may also contain that of other calls.
 
     `cluster` is the address of a Ray cluster, True for the one that Ray is connected to or starts,
     False for `workers` processes of this machine; None takes Ray if it is connected or RAY_ADDRESS
-    is set. Or it is an executor, such as those of Dask and submitit: anything that has `submit`. Files of
-    logs and robots go to Ray's workers by themselves, and must be where an executor's workers see them. A task
-    gets `threads` threads. Numbers are the same wherever and by how many.
+    is set. It may also be an executor, such as those of Dask and submitit: any object with `submit`.
+    Files of logs and robots are sent to Ray's workers; workers of an executor must see them at the same
+    paths. A task uses `threads` threads. Results do not depend on where or in how many processes they
+    are computed.
 
-    Yields runs as they are done. Raises SettingsError and ValueError at once for arguments that
-    cannot be followed, TimeoutError if no task ends within `timeout` seconds, and PalpateError if the
-    cluster has no node for `threads`; what is wrong with a log is its run's `error`.
+    Yields runs as they are finished. Raises SettingsError and ValueError at once for invalid arguments,
+    TimeoutError if no task ends within `timeout` seconds, and PalpateError if the cluster has no node
+    with `threads` CPUs; defects of a log are the `error` of its run.
     """
     if shares < 1 or (test is not None and shares > 1):
         raise ValueError(f"`shares` is {shares}; wanted at least 1, and 1 with `test`: one fold")
@@ -127,9 +128,9 @@ def tune(
     timeout: float | None = None,
     progress: Progress = None,
 ) -> Iterator[Run[Tuned]]:
-    """Chooses settings for every log, from every choice given to start from, as `palpate.tune` does.
+    """Chooses settings for every log, starting from every given choice, as `palpate.tune` does.
 
-    Arguments are those of `evaluate`; yields runs as they are done.
+    Arguments are those of `evaluate`; yields runs as they are finished.
     """
     pool = (cluster, workers, timeout)
     plan = _plan("tune", (logs, settings, robot), [{"candidates": candidates}], threads, pool)
@@ -140,7 +141,7 @@ _Pool: TypeAlias = tuple[str | bool | Submits | None, int | None, float | None]
 """Cluster, workers and time-out."""
 
 _Plan: TypeAlias = dict[tuple[str, str], dict[str, Task]]
-"""Tasks by their keys, of every run."""
+"""For every run, by log and settings, its tasks by key."""
 
 
 def _plan(
@@ -173,7 +174,7 @@ def _plan(
 
 
 def _named(logs: _Logs) -> dict[str, str | Log]:
-    """Logs by their names; those in a row by the last parts of their paths, as many as make the names differ."""
+    """Logs by name; those in a list are named by the last parts of their paths, as many as make the names unique."""
     if isinstance(logs, (str, os.PathLike, Log)):
         raise TypeError("`logs` is a single log; wanted several, in a list or in a dict by name")
     if isinstance(logs, Mapping):
@@ -194,7 +195,7 @@ def _log(log: _Path | Log) -> str | Log:
 
 
 def _choices(settings: _Settings) -> Mapping[str, AnySettings | None]:
-    """Choices of settings by their names."""
+    """Choices of settings by name."""
     if settings is None:
         return {"0": None}
     if isinstance(settings, (str, os.PathLike)):
@@ -212,7 +213,7 @@ def _choices(settings: _Settings) -> Mapping[str, AnySettings | None]:
 def _runs(
     plan: _Plan, kept: Kept, pool: _Pool, progress: Progress
 ) -> Iterator[Run[Any]]:
-    """Does what is not kept, and gives out every run when its last task is done."""
+    """Does the tasks that are not kept; yields every run when its last task is done."""
     shown = _progress.of(progress)
     tasks = {key: task for of_run in plan.values() for key, task in of_run.items()}
     runs: dict[str, list[tuple[str, str]]] = {key: [] for key in tasks}
@@ -235,13 +236,13 @@ def _runs(
 def _outcomes(
     tasks: dict[str, Task], kept: Kept, pool: _Pool
 ) -> Iterator[tuple[str, Outcome]]:
-    """What is kept of some tasks, then what is done of the others."""
+    """Yields the kept outcomes, then those of the other tasks as they are done."""
     left = dict(tasks)
     for key in tasks:
         if (outcome := kept.get(key)) is not None:
             del left[key]
             yield key, outcome
-    places: dict[str, int] = {}  # those that share contacts come one after the other
+    places: dict[str, int] = {}  # tasks with the same contacts are done in succession
     for task in left.values():
         places.setdefault(task.contacts(), len(places))
     left = dict(sorted(left.items(), key=lambda item: places[item[1].contacts()]))
@@ -260,13 +261,13 @@ def _outcomes(
 
 
 def _is_connected() -> bool:
-    """Whether Ray is in use here."""
+    """Whether this process is connected to Ray."""
     ray = sys.modules.get("ray")
     return ray is not None and bool(ray.is_initialized())
 
 
 def _run(log: str, settings: str, outcomes: list[Outcome]) -> Run[Any]:
-    """What the tasks of a run found together."""
+    """Joins the outcomes of the tasks of a run."""
     seconds = sum(outcome.seconds for outcome in outcomes)
     for text in dict.fromkeys(text for outcome in outcomes for text in outcome.warnings):
         warnings.warn(f"{log}: {text}", PalpateWarning, stacklevel=4)

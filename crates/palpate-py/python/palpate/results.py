@@ -1,4 +1,4 @@
-"""What long calls return: plain dicts, described for type checkers."""
+"""Types of the dicts that long calls return."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 
 class Errors(TypedDict):
-    """The four figures of the paper's Table I; None where no frame counts.
+    """The four figures of the paper's Table I; None if there is no frame.
 
-    The error of a frame is |predicted - measured| over all joints, in N·m; relative is that over
-    |measured|, on frames of at least 1 N·m.
+    The error of a frame is the norm |predicted - measured| over all joints, N·m; the relative error is
+    this divided by |measured|, on frames of at least 1 N·m.
     """
 
     avg_error: float | None
@@ -22,13 +22,13 @@ class Errors(TypedDict):
 
 
 class Beside(Errors):
-    """Errors, and those of predicting zero on the same frames."""
+    """Errors, with those of predicting zero on the same frames."""
 
     zero: Errors
 
 
 class MappedTouch(TypedDict):
-    """What one touch gave to a map."""
+    """Figures of one learnt touch."""
 
     name: str
     log: str
@@ -38,7 +38,7 @@ class MappedTouch(TypedDict):
 
 
 class MapReport(TypedDict):
-    """What `Mapper.map` learnt, as `palpate map --json` prints it."""
+    """Result of `Mapper.map`, as `palpate map --json` prints it."""
 
     robot: str
     estimator: str
@@ -54,11 +54,11 @@ class MapReport(TypedDict):
     frames_remembered: int
     memory_mib: float
     before_learning: Beside
-    """Errors of predicting every frame just before it was learnt from."""
+    """Errors of predicting every frame just before it was learnt."""
 
 
 class ScoredFrames(Beside):
-    """Errors of some frames, and how many there were."""
+    """Errors over frames, and numbers of frames."""
 
     frames: int
     frames_in_log: int
@@ -76,11 +76,11 @@ class ScoredTouch(ScoredFrames):
     frame: NDArray[np.uint64]
     """Number of each scored frame in its touch, (T,)."""
     time: NDArray[np.float64] | None
-    """By the log's clock, s, (T,)."""
+    """Time by the log's clock, s, (T,)."""
     contacts: NDArray[np.uint64]
-    """Points touched, (T,)."""
+    """Number of cells touched, (T,)."""
     predicted: NDArray[np.float64]
-    """External torque by the field, N·m, (T, n_joints)."""
+    """External torque predicted by the field, N·m, (T, n_joints)."""
     external: NDArray[np.float64]
     """Measured external torque, or the true one, N·m, (T, n_joints)."""
     half_width: NDArray[np.float64] | None
@@ -88,38 +88,38 @@ class ScoredTouch(ScoredFrames):
 
 
 class Coverage(TypedDict):
-    """How often bands held the torque, and how wide they are."""
+    """Share of torques inside of bands, and widths of the bands."""
 
     level: float
     torque_share: float
-    """Share of the torques inside, of a joint in a frame each."""
+    """Share of the torques (of each joint in each frame) inside of the band at `level`."""
     by_level: list[list[float]]
-    """The same at other levels: level and share."""
+    """This share at other levels: pairs of level and share."""
     peak_share: float
-    """Share of the joints' largest torques in a touch."""
+    """Share of the largest torques (of each joint in each touch) inside of the band for them."""
     half_width_n_m: float
     constant_half_width_n_m: float
-    """Of a band of one width that holds as many frames, N·m."""
+    """Half-width of a band of constant width with the same share inside, N·m."""
     classes: list[list[float] | None]
     """Share inside and mean half-width, N·m: no contact, mostly known cells, mostly unseen cells."""
 
 
 class Score(TypedDict):
-    """What `Field.score` found, as `palpate predict --json` prints it."""
+    """Result of `Field.score`, as `palpate predict --json` prints it."""
 
     touches: list[ScoredTouch]
     overall: ScoredFrames
     against: str
     bands: Coverage | None
-    """None of a field without bands, and against the truth."""
+    """None if the field has no bands, or with `truth`."""
 
 
 class Place(TypedDict):
-    """Where torques were outside of their bands."""
+    """Region of the cells where torques were outside of their bands."""
 
     centre_m: list[float]
     radius_m: float
-    """Root mean square distance of the touched cells from it, m."""
+    """Root mean square distance of the touched cells from the centre, m."""
     cells: int
 
 
@@ -128,92 +128,92 @@ class RelativeErrors(TypedDict):
 
     field: float | None
     scaled: float | None
-    """With the best factor in the touches that contradict the field; None where none does."""
+    """With the field scaled by the best factor in the touches that contradict it; None if none does."""
     moved: float | None
-    """After the best motion; None where nothing contradicts the field."""
+    """With the field moved in the best way; None if nothing contradicts the field."""
     repeated: float | None
-    """Of the torque measured in the touches that these repeat; None if they do not."""
+    """Of the torques measured in the earlier touches that these repeat; None if they repeat none."""
 
 
 class Change(TypedDict, total=False):
-    """How far it moved, or by what factor it is softer or harder."""
+    """How far the object has moved, or the factor by which it is softer or harder."""
 
     factor: float
     shift_m: list[float]
-    """After a turn about the vertical through `about_m`."""
+    """Translation after a rotation by `turn_rad` about the vertical through `about_m`, m."""
     turn_rad: float
     about_m: list[float]
 
 
 class Comparison(Change):
-    """Touches beside a field, as `palpate compare --json` prints it."""
+    """Touches compared with a field, as `palpate compare --json` prints it."""
 
     change: str
-    """"unchanged", "moved", "softer", "harder", "other", or "unknown" if the field knows little of what was touched."""
+    """"unchanged", "moved", "softer", "harder", "other", or "unknown" if few of these cells were touched before."""
     known: float
-    """Share of the contacts that the field knows."""
+    """Share of the contacts at cells that were touched when the field was learnt."""
     contradiction: float
-    """Above 1 the touches contradict the field."""
+    """Above 1, the touches contradict the field."""
     repeats: list[str]
-    """The touches of the field's memory whose paths these repeat, if all of them do."""
+    """The remembered touches whose paths these touches repeat; empty unless all of them repeat one."""
     error: RelativeErrors
     place: Place | None
 
 
 class ComparedTouch(Comparison):
-    """One touch beside a field."""
+    """One touch compared with a field."""
 
     name: str
     log: str
 
 
 class Comparisons(TypedDict):
-    """What `Field.compare` found."""
+    """Result of `Field.compare`."""
 
     touches: list[ComparedTouch]
     together: Comparison
 
 
 class Proposal(TypedDict):
-    """A motion in the order in which it is best made."""
+    """A proposed motion, in the order in which the motions should be made."""
 
     name: str
     log: str
     candidate: int
-    """Its place among the candidates."""
+    """Index among the candidates."""
     variance_left: float
-    """Share of the task's variance that is left once it and all before it are made."""
+    """Remaining share of the variance of the task after this and all earlier proposals."""
     information_nats: float
-    """What it teaches by itself, after those before it."""
+    """Information that this motion adds after the earlier proposals, nats."""
     unknown: float
-    """Share of what it touches that the field does not know."""
+    """Share of its contacts at cells never touched."""
     torque_n_m: float
-    """Largest torque of a joint that the field predicts."""
+    """Largest predicted torque of a joint, N·m."""
     with_band_n_m: float
-    """The same with its band, or twice the springs' standard deviation."""
+    """This torque plus the half-width of its band, or plus two standard deviations of the springs, N·m."""
 
 
 class BeyondLimit(TypedDict):
-    """A motion that may pass the limit."""
+    """A motion whose torque may exceed the limit."""
 
     name: str
     with_band_n_m: float
 
 
 class BeyondJointLimits(TypedDict):
-    """A motion in which a joint goes beyond its limits."""
+    """A motion in which a joint exceeds its limits."""
 
     name: str
     joint: str
-    """The joint that goes furthest beyond."""
+    """The joint that is furthest beyond its limits."""
     position: float
-    """Where it is furthest beyond, rad or m."""
+    """Its position there, rad or m."""
     limits: list[float | None]
-    """Its lowest and highest position by the URDF, rad or m; None where there is none."""
+    """Its lower and upper limit in the URDF, rad or m; None for no limit."""
 
 
 class Proposals(TypedDict):
-    """What `Field.next` found, as `palpate next --json` prints it."""
+    """Result of `Field.next`, as `palpate next --json` prints it."""
 
     proposals: list[Proposal]
     beyond_limit: list[BeyondLimit]
@@ -237,128 +237,128 @@ class MethodRow(TypedDict):
     avg_relative: MeanStd | None
     max_relative: MeanStd | None
     coverage: Coverage | None
-    """Of map."""
+    """Coverage of the bands of map."""
     coverage_of_other_objects: Coverage | None
-    """The same under bands as other objects have them."""
+    """Coverage of bands that were calibrated on other objects."""
 
 
 class LeftOut(TypedDict):
-    """A touch that was predicted but not learnt from: T frames from its tare on."""
+    """A held-out touch: T frames, beginning after its tare."""
 
     name: str
     fold: int
     time: NDArray[np.float64]
-    """Since the first of these frames, s (frame numbers if the log has no clock), (T,)."""
+    """Time since the first of these frames, s (frame numbers if the log has no clock), (T,)."""
     contacts: NDArray[np.uint32]
-    """Points touched, (T,)."""
+    """Number of cells touched, (T,)."""
     known: NDArray[np.uint32]
-    """Of these, points that the touches learnt from have met, (T,)."""
+    """Number of these cells that were touched in the training touches, (T,)."""
     q: NDArray[np.float64]
     """Joint positions, rad, (T, n_joints)."""
     external: NDArray[np.float64]
     """External torque to predict, N·m, (T, n_joints)."""
     predicted: dict[str, NDArray[np.float64]]
-    """By method: N·m, (T, n_joints)."""
+    """Predicted external torque by method, N·m, (T, n_joints)."""
     errors: dict[str, Errors | None]
-    """By method."""
+    """Errors by method."""
 
 
 class Evaluation(TypedDict):
-    """What `evaluate` found."""
+    """Result of `evaluate`."""
 
     methods: list[MethodRow]
     touches: list[LeftOut]
     against: str
     joint_names: list[str]
     tuned: list[dict[str, Any]] | None
-    """Settings of map and ekf in each fold, if they were tuned."""
+    """Settings of map and ekf in each fold; None if they were not tuned."""
 
 
 class Share(Evaluation):
-    """What `evaluate` found in a share of the folds."""
+    """Result of `evaluate` for a share of the folds."""
 
     bands: list[dict[str, Any]]
-    """By touch and method, what the coverage of all folds together is computed from."""
+    """By touch and method, the data from which the coverage over all folds is computed."""
 
 
 class Trial(TypedDict):
-    """One candidate of `tune`, and its score after each round that it was in."""
+    """One candidate of `tune`, with its score after each round in which it took part."""
 
     settings: dict[str, Any]
     scores: list[float]
 
 
 class Tuned(TypedDict):
-    """What `tune` chose."""
+    """Result of `tune`."""
 
     settings: dict[str, dict[str, Any]]
     """Sections, to give as `settings=` to other calls."""
     toml: str
-    """The same as a file that `--settings` reads."""
+    """The same settings, as the content of a file for `--settings`."""
     trials: list[Trial]
 
 
 class _Finding(TypedDict):
     level: Literal["warning", "error"]
-    """An error is what learning would refuse."""
+    """An error makes learning refuse the log."""
     code: str
-    """A name that stays when the words change."""
+    """An identifier that stays the same between versions."""
     what: str
-    """What was seen, with numbers."""
+    """Description, with numbers."""
     remedy: str
-    """What to do about it."""
+    """How to correct it."""
 
 
 class Finding(_Finding, total=False):
     """One thing that looks wrong with a log."""
 
     touches: list[str]
-    """The touches that show it, if not all do."""
+    """The touches concerned, if not all."""
     parts: list[str]
-    """The joints that show it."""
+    """The joints concerned."""
     flags: list[str]
-    """Flags of the command that would set it right."""
+    """Flags of the command that would correct it."""
 
 
 class Clock(TypedDict):
     """The clock of a log."""
 
     period_s: float
-    """Median time step."""
+    """Median time step, s."""
     jitter_s: float
-    """How far nine steps of ten stay from it."""
+    """90 % quantile of the deviation of time steps from the median, s."""
     duration_s: float
-    """Sum of all touches."""
+    """Total duration of all touches, s."""
 
 
 class Fit(TypedDict):
-    """How well a reading of the torques explains them at rest."""
+    """How well gravity explains the torques at rest, for one choice of sign and gravity."""
 
     torque_sign: Literal["plus", "minus"]
     gravity: Literal["included", "removed"]
     left_over: float
     """Residual, N·m over all joints."""
     slope: float
-    """Of the torques, in that sign, on those of gravity."""
+    """Slope of the regression of the torques, with this sign, on those of gravity."""
 
 
 class Fits(TypedDict):
-    """The readings that were compared."""
+    """Comparison of the choices of sign and gravity."""
 
     set: Fit
-    """That of the settings."""
+    """The choice of the settings."""
     best: Fit
-    """That with the smallest residual."""
+    """The choice with the smallest residual."""
     gravity_torque: float
     """Torque of gravity at rest, N·m over all joints."""
     at_rest: bool
-    """Whether the arm ever rests; if not, these are figures of any frames."""
+    """Whether the arm is ever at rest; if not, the figures are from all frames."""
     by_work: bool
-    """Whether the sign of `best` is that of torques that take work from the arm, and not that of `set`."""
+    """Whether the sign of `best` was found from the work of torques without gravity, and differs from that of `set`."""
 
 
 class PayloadEstimate(TypedDict):
-    """A weight that would explain what gravity does not."""
+    """A payload that would explain the residual after gravity."""
 
     link: str
     mass_kg: float
@@ -370,17 +370,17 @@ class Reading(TypedDict):
 
     angle_unit: Literal["rad", "deg"]
     order: list[int] | None
-    """Place of each joint of the robot in the log, if that seems not to be the robot's order."""
+    """Index of each joint of the robot in the log, if the order seems to differ from the robot's."""
     torque_sign: Literal["plus", "minus"]
     gravity: Literal["included", "removed"]
     unexplained_share: float | None
-    """Unexplained torque at rest, as a part of gravity; None if gravity is too small to determine it."""
+    """Unexplained torque at rest, as a share of gravity; None if gravity is too small to determine it."""
     payload: PayloadEstimate | None
     fits: Fits
 
 
 class LatticeFigures(TypedDict):
-    """Where contacts are looked for."""
+    """The lattice in which contacts are computed."""
 
     origin_m: list[float]
     spacing_m: float
@@ -391,7 +391,7 @@ class LatticeFigures(TypedDict):
 
 
 class TouchedFigures(TypedDict):
-    """What a log touches of the lattice, as `MapReport` counts it."""
+    """Figures of the contacts of a log, counted as in `MapReport`."""
 
     frames: int
     frames_in_contact: int
@@ -406,26 +406,26 @@ class InspectedTouch(TypedDict):
     frames: int
     duration_s: float | None
     start_frames: int
-    """Frames from the first on in which the arm is still, or touches no point."""
+    """Number of frames from the first on in which the arm is at rest or without contact."""
     frames_in_contact: int
     tare: list[float] | None
-    """N·m; None without tare frames."""
+    """Tare, N·m; None without tare frames."""
     noise_std: list[float] | None
-    """Over the start, N·m; None if it is too short."""
+    """Standard deviation of the torque at the start, N·m; None if the start is too short."""
     peak_external: float
     """Largest external torque, N·m over all joints."""
     peak_by_joint: list[float]
-    """N·m."""
+    """Largest external torque of each joint, N·m."""
     range: list[list[float]]
-    """From where to where each joint moves, (n_joints, 2), rad or m."""
+    """Lowest and highest position of each joint, (n_joints, 2), rad or m."""
     end_external: list[float] | None
-    """At the end, N·m, if the arm is back where it began."""
+    """External torque at the end, N·m, if the arm is back at its start."""
     work_until_peak_j: float
     """Work that the external torque does on the arm, J."""
 
 
 class Columns(TypedDict):
-    """Names of the columns that were read of a table."""
+    """Names of the columns read from a table."""
 
     q: list[str]
     tau: list[str]
@@ -435,30 +435,30 @@ class Columns(TypedDict):
 
 
 class InspectedLog(TypedDict):
-    """What a log holds."""
+    """Content of a log."""
 
     format: str
     columns: Columns | None
-    """None if it is no table."""
+    """None if the log is not a table."""
     robot: str
     frames: int
     clock: Clock | None
     joints: list[str]
     matching: Literal["unnamed", "in_order", "reordered", "unmatched"]
-    """How the joints of the log became those of the robot."""
+    """How the joints of the log were matched to those of the robot."""
     reading: Reading | None
-    """None if the joints are not the robot's."""
+    """None if the joints do not match the robot's."""
     lattice: LatticeFigures
     touched: TouchedFigures | None
-    """None if the joints are not the robot's."""
+    """None if the joints do not match the robot's."""
     touches: list[InspectedTouch]
 
 
 class Inspection(TypedDict):
-    """What `inspect` found out about a log."""
+    """Result of `inspect`."""
 
     log: InspectedLog | None
-    """None if nothing of it can be read."""
+    """None if nothing can be read."""
     findings: list[Finding]
     """Errors first."""
 
@@ -471,7 +471,7 @@ class Uncertain(TypedDict):
 
 
 class IdentifiedPayload(TypedDict):
-    """What an arm carries beyond its URDF."""
+    """Payload of an arm beyond its URDF."""
 
     link: str
     mass_kg: Uncertain
@@ -482,7 +482,7 @@ class IdentifiedPayload(TypedDict):
 
 
 class IdentifiedJoint(TypedDict):
-    """What was found out about a joint."""
+    """Identified parameters of a joint."""
 
     name: str
     moved: float
@@ -499,7 +499,7 @@ class IdentifiedJoint(TypedDict):
 
 
 class IdentifiedBody(TypedDict):
-    """Links that move together: ten inertial parameters, and how much of the URDF's uncertainty each lost."""
+    """Links that move together: ten inertial parameters, and by how much the variance of each was reduced."""
 
     link: str
     parameters: list[Uncertain]
@@ -507,45 +507,45 @@ class IdentifiedBody(TypedDict):
 
 
 class ReadTimes(TypedDict):
-    """Stamps that are not the times at which the joints were read."""
+    """Correction of stamps that differ from the times at which the joints were read."""
 
     corrected: int
     """Number of touches whose times were corrected."""
     rms_s: float
-    """By how much, s, root mean square, but for what all samples of a touch share."""
+    """Root mean square of the correction, s, without the part common to all samples of a touch."""
 
 
 class FewSamples(TypedDict):
-    """Samples with a far larger residual than usual: at most a hundredth, with at least half of the squares."""
+    """Outliers of the residual: at most 1 % of the samples, with at least half of the sum of squares."""
 
     samples: int
     of: int
-    """Number of samples that were held out."""
+    """Number of held-out samples."""
     share: float
-    """Of the sum of squares, 0 to 1."""
+    """Their share of the sum of squares, 0 to 1."""
     largest: float
-    """Norm over the joints, N·m."""
+    """Largest residual, norm over the joints, N·m."""
     touch: int
-    """Number of the touch in which they have most."""
+    """Number of the touch with the largest part of their squares."""
     rows: list[int]
-    """First and last of them there, from 0."""
+    """Rows of the first and the last of them in this touch, from 0."""
     without: list[float]
-    """Residual of all others, N·m over all joints: after gravity of the URDF, and after the identified arm."""
+    """Residual without them, N·m over all joints: after gravity of the URDF, and after the identified arm."""
 
 
 class HeldOutTorque(TypedDict):
-    """Root mean squares of the residual on motion that was not used, N·m by joint."""
+    """Root mean square of the residual on held-out motion, N·m by joint."""
 
     gravity: list[float]
     urdf: list[float]
     identified: list[float]
     slow: list[list[float]]
-    """The same three of means over the time window of speeds."""
+    """The same three, for residuals averaged over the time window of speeds."""
     few: FewSamples | None
 
 
 class Identified(TypedDict):
-    """What `identify` found out about an arm."""
+    """Result of `identify`."""
 
     payload: IdentifiedPayload
     joints: list[IdentifiedJoint]
@@ -554,13 +554,13 @@ class Identified(TypedDict):
     base_parameters_identified: int
     delay_s: Uncertain
     touched: float
-    """The part of the samples that is left out, since something is touched in them, 0 to 1."""
+    """Share of the samples that is left out because of contact, 0 to 1."""
     read_times: ReadTimes
     held_out: HeldOutTorque
     misfit: str | None
     notes: list[str]
     text: str
-    """The file for `Robot(..., arm=...)`."""
+    """Content of the file for `Robot(..., arm=...)`."""
 
 
 class TouchTorques(TypedDict):

@@ -1,8 +1,8 @@
-"""Settings for type checkers: the sections that `settings=` and keywords take, with their keys.
+"""Types of the settings: the sections that `settings=` and keywords take, with their keys.
 
-Keys and meanings are those of the command's settings file: `palpate settings` prints all of them with
-their help, and `default_settings` returns their values. Units stand in the names; prior, drift and
-torque deviations are in N/m and N·m.
+Keys are those of the command's settings file: `palpate settings` prints all of them with their help, and
+`default_settings` returns their values. Units are in the names; prior and drift are in N/m, `torque_std`
+is in N·m.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class LogSettings(TypedDict, total=False):
 
 
 class TouchSettings(TypedDict, total=False):
-    """What logged torques mean."""
+    """Sign, gravity and tare of logged torques."""
 
     torque_sign: Literal["auto", "plus", "minus"]
     gravity: Literal["auto", "included", "removed"]
@@ -97,21 +97,21 @@ class EstimatorSettings(TypedDict, total=False):
 
 
 class FieldSections(TypedDict, total=False):
-    """The sections that give a field its meaning."""
+    """The sections that a field is made with, beside its arrays."""
 
     touch: TouchSettings
     contact: ContactSettings
 
 
 class LearningSections(FieldSections, total=False):
-    """The sections that decide what is learnt from a log."""
+    """The sections that determine what is learnt from a log."""
 
     lattice: LatticeSettings | Lattice
     estimator: EstimatorSettings
 
 
 class Sections(LearningSections, total=False):
-    """The sections that calls take as keywords beside `robot`."""
+    """The sections that functions take as keywords, beside the argument `robot`."""
 
     log: LogSettings
 

@@ -1,4 +1,4 @@
-//! The work of an evaluation: track, tune if asked to, and do part after part.
+//! Runs an evaluation: tracks the touches, tunes settings if asked to, and computes one part after another.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -23,80 +23,80 @@ mod plan;
 
 pub use plan::{as_touches, configs, each_once, folds, make_unique, method_of, read, share};
 
-/// Where what is done is kept, so that an evaluation that was broken off goes on.
+/// Storage of finished parts, so that an interrupted evaluation can continue.
 ///
-/// By itself it keeps nothing.
+/// The default methods store nothing.
 pub trait Keep: Sync {
-    /// Parts that were done before.
+    /// Parts that were finished before.
     fn parts(&self) -> Vec<Part> {
         Vec::new()
     }
 
-    /// Settings that were tuned before, by a name.
+    /// Settings that were stored under a name before.
     fn tuned(&self, _name: &str) -> Option<Tuned> {
         None
     }
 
-    /// Keeps a part, if it can.
+    /// Stores a part, if possible.
     fn keep_part(&self, _part: &Part) {}
 
-    /// Keeps tuned settings under a name, if it can.
+    /// Stores tuned settings under a name, if possible.
     fn keep_tuned(&self, _name: &str, _tuned: &Tuned) {}
 
-    /// What the error says of what was kept, if the work is stopped.
+    /// Text about stored parts for the error message, if the work is stopped.
     fn kept_message(&self) -> String {
         String::new()
     }
 }
 
-/// Keeps nothing.
+/// Stores nothing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Nowhere;
 
 impl Keep for Nowhere {}
 
-/// What is evaluated.
+/// Input of an evaluation.
 pub struct Work<'a> {
     /// The robot.
     pub arm: &'a Arc<Arm>,
-    /// As read, for errors that name the log.
+    /// The touches as read, for errors that name the log.
     pub recorded: &'a [RecordedTouch],
-    /// As they are evaluated.
+    /// The touches as they are evaluated.
     pub touches: &'a [Touch],
     /// The methods, in the order of the table.
     pub methods: Vec<Method>,
     /// Which touches are predicted from which.
     pub folds: Vec<Fold>,
-    /// Numbers of the folds that are done here; all, unless work is shared out.
+    /// Numbers of the folds to compute here; all, unless the work is divided into shares.
     pub todo: Vec<usize>,
-    /// Settings of `map` and of `ekf`.
+    /// Settings of `map` and of `ekf`, in this order.
     pub estimators: [MapperConfig; 2],
-    /// How these are chosen in every fold.
+    /// How the settings are chosen in every fold.
     pub tune: Tune,
-    /// Those that the user has given, which a quick search does not change.
+    /// Settings that the user has given, which a quick search does not change.
     pub given: Given,
-    /// Whether true torques are to be predicted.
+    /// Whether predictions are compared with true torques.
     pub truth: bool,
-    /// The elastic bodies that the object may be, for [`Method::Elastic`]; none if nobody saw it.
+    /// Possible elastic bodies of the object, for [`Method::Elastic`]; empty without a cloud.
     pub bodies: Vec<Arc<ElasticBody>>,
-    /// The touches as [`follow`] has followed them under the settings of `map`, if somebody has.
+    /// The touches as tracked by [`follow`] under the settings of `map`, if that was done before.
     pub followed: Option<Arc<Tracked>>,
 }
 
-/// What came out.
+/// Result of an evaluation.
 pub struct Evaluated {
     /// All figures and torques.
     pub evaluation: Evaluation,
-    /// The estimators' settings in every fold that was done, if they were chosen.
+    /// Settings of `map` and `ekf` in every computed fold, if they were tuned.
     pub tuned: Option<Vec<[MapperConfig; 2]>>,
-    /// The touches, followed under the given settings.
+    /// The touches, tracked under the given settings.
     tracked: Arc<Tracked>,
-    /// What chooses the settings of `map`, if it did.
+    /// The tuner of `map`, if its settings were tuned.
     tuner: Option<Tuner>,
 }
 
 impl Work<'_> {
-    /// Does what is not kept from before, and puts all together.
+    /// Computes all parts that are not stored already, and combines them.
     ///
     /// # Errors
     ///
@@ -140,12 +140,12 @@ impl Work<'_> {
         Ok(Evaluated { evaluation, tuned, tracked, tuner })
     }
 
-    /// What `map` learns from all touches under the settings that they choose, for the picture of it; under the
-    /// given ones, with the body, if there is one.
+    /// The field that `map` learns from all touches, for pictures. Settings are tuned on all touches, if tuning was
+    /// asked for; with an elastic body, the given settings are used and the body is part of the field.
     ///
     /// # Errors
     ///
-    /// If they cannot learn, or on being stopped; `keep` is what holds the parts then.
+    /// If learning fails, or on being stopped; `keep` gives the text about stored parts.
     pub fn field(
         &self,
         evaluated: &mut Evaluated,
@@ -177,7 +177,7 @@ impl Work<'_> {
         Ok(field)
     }
 
-    /// Adds the torques of the body, if a method asks for them.
+    /// Adds the torques of the elastic bodies, if [`Method::Elastic`] is evaluated.
     fn bend(
         &self,
         tracked: Arc<Tracked>,
@@ -197,8 +197,8 @@ impl Work<'_> {
             .map_err(|error| self.fault(error, keep))
     }
 
-    /// The estimators' settings in every fold: the given ones, or those that its training touches
-    /// speak for; and what chose those of `map`.
+    /// Settings of `map` and `ekf` in every fold: the given ones, or those tuned on its training touches; and the tuner
+    /// of `map`.
     fn in_folds(
         &self,
         tracked: &Tracked,
@@ -232,7 +232,7 @@ impl Work<'_> {
         Ok((in_folds, of_map))
     }
 
-    /// The candidates for the settings of an estimator, if they are to be chosen.
+    /// The search for settings of an estimator; `None` if they are not to be tuned.
     fn search(&self, method: Method) -> Option<Search> {
         let config = &self.estimators[usize::from(method == Method::Ekf)];
         match (self.tune, method) {
@@ -243,7 +243,7 @@ impl Work<'_> {
         }
     }
 
-    /// The settings chosen on some training touches: those that `keep` has under a name, or new ones, which it then keeps.
+    /// Settings tuned on training touches: those stored under a name, or new ones, which are then stored.
     fn tuned(
         &self,
         tuner: &mut Option<Tuner>,
@@ -270,7 +270,7 @@ impl Work<'_> {
         Ok(tuned.config)
     }
 
-    /// Does the parts that are left, one contact model after another.
+    /// Computes the remaining parts, one contact model after another.
     fn do_parts(
         &self,
         plan: &Plan,
@@ -321,7 +321,7 @@ impl Work<'_> {
     }
 }
 
-/// Follows touches under the settings of `map`: their contacts, and their torques without tare.
+/// Tracks touches under the settings of `map`: contacts, and torques with the tare subtracted.
 ///
 /// # Errors
 ///
@@ -336,7 +336,8 @@ pub fn follow(
     Tracked::new(arm, config, touches, &|| progress.stopped())
 }
 
-/// What went wrong in learning, with the log that it is in; `kept` is said on being stopped.
+/// Turns an error of learning into one that names the log; `kept` is the text about stored results if the work was
+/// stopped.
 pub fn fault(recorded: &[RecordedTouch], error: LearnError, kept: String) -> WorkError {
     match error {
         LearnError::Sample { touch, sample, source } => {

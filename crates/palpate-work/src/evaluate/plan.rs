@@ -1,4 +1,4 @@
-//! What is to be evaluated: methods, settings, touches, and which are predicted from which.
+//! What is to be evaluated: methods, settings, touches and folds.
 
 use std::sync::Arc;
 
@@ -15,11 +15,11 @@ use crate::settings::sections::EstimatorSettings;
 use crate::settings::{Settings, SettingsError};
 use crate::touches::{RecordedTouch, Touches};
 
-/// A method by its name.
+/// The method of a name.
 ///
 /// # Errors
 ///
-/// If there is none of that name; says which there are.
+/// If there is no such method, with the names that exist, or if it is not built.
 pub fn method_of(name: &str) -> Result<Method, String> {
     let of = |method: &&Method| method.name() == name;
     let method = Method::ALL.iter().find(of).copied().ok_or_else(|| {
@@ -33,12 +33,12 @@ pub fn method_of(name: &str) -> Result<Method, String> {
     }
 }
 
-/// The methods, each once; all that were built if none is given, without [`Method::Elastic`] where there is no
-/// body.
+/// The given methods without repetition; if none is given, all that are built, without [`Method::Elastic`] if there is
+/// no body.
 ///
 /// # Errors
 ///
-/// If `elastic` is given, but no body.
+/// If `elastic` is given and there is no body.
 pub fn each_once(given: &[Method], has_body: bool) -> Result<Vec<Method>, WorkError> {
     if given.contains(&Method::Elastic) && !has_body {
         return Err(WorkError::Usage(
@@ -57,12 +57,12 @@ pub fn each_once(given: &[Method], has_body: bool) -> Result<Vec<Method>, WorkEr
     Ok(methods)
 }
 
-/// Which touches are predicted from which: one by one, in so many groups, or those of some names
-/// from all others.
+/// Folds of the touches: those named in `test` are predicted from all others, or else each of `groups` groups from the
+/// others, or else each touch from all others.
 ///
 /// # Errors
 ///
-/// If there are too few touches, or a name is none of theirs.
+/// If there are too few touches, or no touch has a given name.
 pub fn folds(
     touches: &[Touch],
     groups: Option<u32>,
@@ -91,11 +91,11 @@ pub fn folds(
     }
 }
 
-/// Numbers of the folds of share `number` of so many: every one of them that leaves it on division.
+/// Numbers of the folds in share `number` of `shares`: those with remainder `number` when divided by `shares`.
 ///
 /// # Errors
 ///
-/// If there is no such share.
+/// If `number` is not below `shares`.
 pub fn share(folds: usize, (number, shares): (usize, usize)) -> Result<Vec<usize>, WorkError> {
     if number >= shares {
         return Err(WorkError::Usage(format!("there is no share {number} of {shares}, from 0")));
@@ -103,7 +103,7 @@ pub fn share(folds: usize, (number, shares): (usize, usize)) -> Result<Vec<usize
     Ok((number..folds).step_by(shares).collect())
 }
 
-/// The fold that predicts the touches of these names from all others.
+/// The fold that predicts the named touches from all others.
 fn testing(touches: &[Touch], test: &[String]) -> Result<Fold, WorkError> {
     let place = |name: &String| {
         touches.iter().position(|touch| touch.name == *name).ok_or_else(|| {
@@ -137,11 +137,11 @@ pub fn configs(settings: &Settings) -> Result<[MapperConfig; 2], SettingsError> 
     Ok([of(EstimatorKind::Map)?, of(EstimatorKind::Ekf)?])
 }
 
-/// Reads all touches of logs: as they are recorded, and as they are evaluated.
+/// Reads all touches of logs; returns them as recorded and as they are evaluated.
 ///
 /// # Errors
 ///
-/// If a log is broken or does not fit the arm, or a truth is asked for that is not there.
+/// If a log is broken or does not fit the arm, or the truth is asked for and missing.
 pub fn read(
     touches: Touches,
     (arm, settings): (&Arc<Arm>, &Settings),
@@ -154,7 +154,7 @@ pub fn read(
     Ok((recorded, touches))
 }
 
-/// The touches as they are evaluated, with names of which each is unique.
+/// The touches as they are evaluated, with unique names.
 pub fn as_touches(recorded: &[RecordedTouch], truth: bool) -> Result<Vec<Touch>, WorkError> {
     let mut names = Vec::new();
     let touch = |one: &RecordedTouch| {
@@ -171,7 +171,7 @@ pub fn as_touches(recorded: &[RecordedTouch], truth: bool) -> Result<Vec<Touch>,
     recorded.iter().map(touch).collect()
 }
 
-/// Makes a name differ from those taken, by a number, and takes it.
+/// Makes a name unique among `taken` by appending a number, and adds it to them.
 pub fn make_unique(name: &mut String, taken: &mut Vec<String>) {
     let plain = name.clone();
     let mut times = 1;

@@ -1,21 +1,20 @@
-//! Extrapolated stiffness back into a field: what cells that no touch has reached are expected to be.
+//! Writes extrapolated stiffness into a field, as the expected stiffness of untouched cells.
 
 use std::collections::HashMap;
 
 use palpate::{CellId, EstimatorKind};
 use palpate_io::field::Saved;
 
-/// Adds cells that were not touched, each with its expected stiffness, N/m.
+/// Adds untouched cells to a field, each with its expected stiffness, N/m.
 ///
-/// Touched cells keep what they have learnt. The memory goes on from there as well: a mapper that
-/// continues believes the same of the new cells.
+/// Touched cells keep their learnt stiffness. The snapshot gets the new cells, too, so that a mapper that continues has
+/// the same prior means.
 pub fn filled(mut saved: Saved, expected: &[(CellId, f64)]) -> Saved {
     let Saved { field, snapshot, prior_n_per_m, .. } = &mut saved;
     // Bands were calibrated on other predictions.
     field.calibration = None;
     snapshot.iter_mut().for_each(|snapshot| snapshot.calibration = None);
-    // The least stiffness that an estimator can begin with, and the standard deviation of a cell that
-    // was never touched, N/m.
+    // The least stiffness with which the estimator can begin, and the standard deviation of an untouched cell, N/m.
     let (least, std) = match snapshot {
         Some(snapshot) => {
             let config = &snapshot.config;
@@ -23,10 +22,10 @@ pub fn filled(mut saved: Saved, expected: &[(CellId, f64)]) -> Saved {
             // At κ = 0 the paper's filter would never learn.
             (if config.method == EstimatorKind::Ekf { mean } else { 0.0 }, std)
         }
-        // Without a memory the settings are not known: the least known cell is as little known.
+        // Without a snapshot the prior is not known: the largest standard deviation of the field is used.
         None => (0.0, field.std_n_per_m.iter().copied().fold(0.0, f64::max)),
     };
-    // What an earlier prior expected of cells that this cloud does not show still holds.
+    // Earlier prior means are kept for cells that this cloud does not show.
     let mut prior = prior_n_per_m.take().unwrap_or_default();
     prior.resize(field.cells.len(), field.untouched_n_per_m);
     let rows: HashMap<CellId, usize> =
@@ -35,7 +34,7 @@ pub fn filled(mut saved: Saved, expected: &[(CellId, f64)]) -> Saved {
         let k = k.max(least);
         if let Some(&row) = rows.get(&cell) {
             prior[row] = k;
-            // Of cells that an earlier extrapolation added, the new one knows better.
+            // Untouched cells of an earlier extrapolation get the new stiffness.
             if field.counts[row] == 0 {
                 field.stiffness_n_per_m[row] = k;
                 if let Some(snapshot) = snapshot {

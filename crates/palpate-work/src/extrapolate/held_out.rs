@@ -1,30 +1,30 @@
-//! What an extrapolation is worth on touches that it was not learnt from, which decides how it is done.
+//! The error of an extrapolation on held-out touches, by which its method is chosen.
 
 use std::fmt;
 
 use palpate_learn::extrapolate::Method;
 use palpate_learn::extrapolate::compare::{Plan, Row};
 
-/// Halves of fewer touches say nothing.
+/// Fewest touches for a comparison on halves.
 pub(super) const FEWEST_TOUCHES: usize = 4;
 
-/// By how much another method must be better than the first one, and worse with any than without one.
+/// Another method is chosen if its error is smaller by more than this share; extrapolation does not help if it
+/// increases the error by more than half of this share.
 const MARGIN: f64 = 0.02;
 
-/// Error of torques of one half of the touches, predicted from the other half: means over random halves.
+/// Torque errors of one half of the touches, predicted from the other half; means over random halves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeldOut {
-    /// By the field alone.
+    /// Error of the field alone.
     pub without: f64,
-    /// With the extrapolated stiffness in cells that the field has not met.
+    /// Error with the extrapolated stiffness in cells that the field has not touched.
     pub with: f64,
-    /// Whether these are relative errors, of which predicting zero has 1, or N·m.
+    /// Whether the errors are relative (1 is that of predicting zero), or in N·m.
     pub relative: bool,
 }
 
 impl HeldOut {
-    /// The method that predicts best, and how well, of a comparison by [`Plan::methods`]; the first one where none
-    /// helps.
+    /// The best method of a comparison by [`Plan::methods`], and its errors; the first method if none helps.
     pub(super) fn of(plan: &Plan, rows: &[Row]) -> Option<(Method, Self)> {
         let relative = rows.iter().all(|row| row.means().0.is_some());
         let error = |row: &Row| if relative { row.means().0 } else { Some(row.means().1) };
@@ -45,7 +45,7 @@ impl HeldOut {
         Some((method, best))
     }
 
-    /// Whether a field predicts as well with it as without.
+    /// Whether predictions with the extrapolated stiffness are about as good as without, or better.
     pub(crate) fn helps(&self) -> bool {
         self.with <= (1.0 + MARGIN / 2.0) * self.without
     }
@@ -69,7 +69,7 @@ mod tests {
 
     use super::*;
 
-    /// Rows of predicting zero, without, learnt again, and with each method.
+    /// Rows of a comparison: predicting zero, without prior, learnt again from the first method, then with each method.
     fn rows(errors: [f64; 5]) -> Vec<Row> {
         let row =
             |error| Row { name: String::new(), avg_error: vec![error], avg_relative: vec![error] };

@@ -1,4 +1,4 @@
-//! The work of an extrapolation: touches followed again, stiffness carried over, halves compared.
+//! Runs an extrapolation: tracks the remembered touches again, extrapolates stiffness, compares on halves.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -25,55 +25,55 @@ use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::quantile::bounds;
 
-/// What is said of an extrapolation; the rest follows.
+/// Given settings of an extrapolation; the others are derived from them.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Chosen {
-    /// How stiffness is carried over.
+    /// Method of extrapolation.
     pub method: Option<Method>,
-    /// What points are compared by.
+    /// Features by which points are compared.
     pub features: Option<Features>,
-    /// How far, in cells, a cell may be from the seen point that it lies at.
+    /// Largest distance of a cell from the seen point to which it belongs, in cells.
     pub reach_cells: Option<f64>,
-    /// How far apart features must be to say nothing of each other, in standard deviations.
+    /// Distance of features, in standard deviations over the cloud, beyond which points tell nothing about each other.
     pub length_scale: Option<f64>,
 }
 
-/// What there is to do.
+/// Input of an extrapolation.
 pub struct Work<'a> {
     /// The robot.
     pub arm: &'a Arc<Arm>,
     /// The field.
     pub saved: &'a Saved,
-    /// Field and cloud as the user calls them.
+    /// Paths of field and cloud, for messages.
     pub names: [&'a Path; 2],
-    /// What was seen, with colours.
+    /// The cloud, with colours.
     pub cloud: &'a Cloud,
     /// The settings that are given.
     pub given: Chosen,
-    /// Random halves to compare on, if any.
+    /// Number of random halves for a comparison, if one is asked for.
     pub halves: Option<u32>,
     /// Whether the arm is to be drawn in its touches.
     pub drawn: bool,
-    /// Whether the field is to get what is expected of its untouched cells.
+    /// Whether the expected stiffness is to be written into the field.
     pub fills: bool,
-    /// What is said to be kept on Ctrl-C.
+    /// Text about what was kept, for the error if the work is stopped.
     pub kept: &'a str,
 }
 
-/// What was found.
+/// Result of an extrapolation.
 pub struct Found {
-    /// What was seen.
+    /// The cloud, prepared for the extrapolation.
     pub seen: SeenCloud,
-    /// The settings, those included that were not given.
+    /// All settings, given and derived.
     pub config: Config,
-    /// What the extrapolation is worth on touches held out, if they decided how it is done.
+    /// Errors on held-out touches, if the method was chosen by them.
     pub held_out: Option<HeldOut>,
     /// The stiffness of every point.
     pub extrapolation: Extrapolation,
-    /// Cells of the field's lattice at seen points, each with its expected stiffness, N/m; none where the field
-    /// predicts better without.
+    /// Cells of the field's lattice at seen points, each with its expected stiffness, N/m; empty if the field predicts
+    /// better without them.
     pub cells: Vec<(CellId, f64)>,
-    /// Touches and frames in contact that the field remembers.
+    /// Number of remembered touches, and of their frames in contact.
     pub remembered: Option<(usize, usize)>,
     /// Joint positions of each remembered touch where the torque is largest, rad.
     pub touching: Vec<Vec<f64>>,
@@ -81,7 +81,7 @@ pub struct Found {
     pub rows: Option<Vec<Row>>,
 }
 
-/// Warns of a cloud whose points all have the same colour, or are mostly far from what was touched.
+/// Warns of a cloud whose points all have the same colour, or of which many are far from the touched cells.
 fn warn_of_odd_cloud(
     colours: &[[u8; 3]],
     (points, field): (&[Point3<f64>], &Field),
@@ -96,10 +96,11 @@ fn warn_of_odd_cloud(
     warn_of_far_points(points, field, progress);
 }
 
-/// So near to what was touched, m, points are of the same object.
+/// Points within this distance of the box of the touched cells, m, are never far.
 const NEAR_M: f64 = 0.3;
 
-/// Warns if more than a third of the points lie far from the box of the touched cells: by more than a quarter of its longest side.
+/// Warns if more than a third of the points are far from the box of the touched cells: farther than a quarter of its
+/// longest side and than [`NEAR_M`].
 fn warn_of_far_points(points: &[Point3<f64>], field: &Field, progress: &dyn Progress) {
     let touched = field.touched_rows().map(|row| field.lattice.point(field.cells[row]).into());
     let Some([low, high]) = bounds(&touched.collect::<Vec<[f64; 3]>>()) else { return };
@@ -118,12 +119,12 @@ fn warn_of_far_points(points: &[Point3<f64>], field: &Field, progress: &dyn Prog
 }
 
 impl Work<'_> {
-    /// Does it.
+    /// Runs the extrapolation.
     ///
     /// # Errors
     ///
-    /// If a setting is out of its range, the field was learnt with another robot, or the cloud is not where it was
-    /// learnt.
+    /// If a setting is out of its range, the field was learnt with another robot, the touched cells and the cloud do
+    /// not meet, or on being stopped.
     pub fn run(&self, progress: &dyn Progress) -> Result<Found, WorkError> {
         let colours = self.cloud.colours().expect("a cloud without colours was refused");
         warn_of_odd_cloud(colours, (self.cloud.points(), &self.saved.field), progress);
@@ -188,7 +189,7 @@ impl Work<'_> {
         })
     }
 
-    /// The touches that the field remembers, tracked, with their settings, if they are needed and there are some.
+    /// The remembered touches, tracked, with their settings; `None` if they are not needed or there are none.
     fn remembered(
         &self,
         config: &Config,
@@ -217,7 +218,7 @@ impl Work<'_> {
     }
 }
 
-/// An error after being stopped.
+/// An error if the work was stopped.
 fn unless_stopped(kept: &str, progress: &dyn Progress) -> Result<(), WorkError> {
     if progress.stopped() {
         return Err(WorkError::Interrupted { kept: format!("; {kept}") });
@@ -225,8 +226,8 @@ fn unless_stopped(kept: &str, progress: &dyn Progress) -> Result<(), WorkError> 
     Ok(())
 }
 
-/// The settings that hold where some are not given: what the field remembers decides the method,
-/// and the method the features.
+/// Completes the given settings: the method depends on whether the field remembers touches, and the features depend on
+/// the method.
 fn config(given: &Chosen, saved: &Saved, progress: &dyn Progress) -> Config {
     let method = given.method.unwrap_or_else(|| {
         if remembers(saved) {
@@ -249,18 +250,18 @@ fn config(given: &Chosen, saved: &Saved, progress: &dyn Progress) -> Config {
     config
 }
 
-/// How far in front of a surface its stiffness lies in a field, in cells: links take hold of points within the contact
-/// distance, and a cell more.
+/// How far in front of a surface its stiffness may lie in a field, in cells: the contact distance, within which links
+/// push points, plus one cell.
 fn reach_cells(saved: &Saved) -> f64 {
     let (contact, lattice) = (&saved.field.contact, &saved.field.lattice);
     (contact.contact_distance_m / lattice.spacing_m() + 1.0).clamp(REACH_CELLS[0], REACH_CELLS[1])
 }
 
-/// A method by its name.
+/// The method of a name.
 ///
 /// # Errors
 ///
-/// If there is none of that name; says which there are.
+/// If there is no such method, with the names that exist.
 pub fn method_of(name: &str) -> Result<Method, String> {
     let all = [Method::Torque, Method::Cells, Method::Knn];
     let found = all.into_iter().find(|method| method.name() == name);

@@ -19,7 +19,7 @@ pub fn remembers(saved: &Saved) -> bool {
         .is_some_and(|snapshot| snapshot.sample_log.iter().any(|touch| !touch.open))
 }
 
-/// The touches on a field's sample log, tracked, and the settings under which they were learnt.
+/// The touches in a field's sample log, tracked, and the settings under which they were learnt.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! What a field holds: cells, stiffness, how sure it is of it, and whether it can be continued.
+//! Content of a field: cells, stiffness with standard deviations, and whether it can be continued.
 
 use std::path::Path;
 
@@ -15,58 +15,58 @@ use crate::forget;
 use crate::quantile::{bounds, quantile};
 use crate::settings::corners;
 
-/// Cells below this part of the stiffest one count as zero.
+/// Cells below this share of the largest stiffness count as zero.
 const ZERO: f64 = 1e-6;
-/// Cells above this part of the stiffest one count as stiff.
+/// Cells from this share of the largest stiffness on count as stiff.
 const STIFF: f64 = 0.1;
-/// A standard deviation above this part of the prior's has learnt nothing.
+/// A cell counts as not learnt if its standard deviation is above this share of the prior's.
 const UNCHANGED: f64 = 0.999;
-/// The shares whose quantiles are given.
+/// The shares for which quantiles are given.
 const SHARES: [f64; 5] = [0.1, 0.5, 0.9, 0.99, 1.0];
 
-/// What a field holds.
+/// Facts about a field.
 #[derive(Debug, Serialize)]
 pub struct FieldFacts {
-    /// Size of the file.
+    /// Size of the file, bytes.
     pub file_bytes: u64,
-    /// Those that were touched, which all figures are of.
+    /// Number of touched cells; all figures are about these.
     pub cells: usize,
-    /// Those with a prior mean of their own that were never touched.
+    /// Number of cells with a prior mean of their own that were never touched.
     pub expected_cells: usize,
-    /// Quantiles 10, 50, 90, 99 and 100 % of the cells above zero, N/m.
+    /// Quantiles 10, 50, 90, 99 and 100 % of the stiffness of cells above zero, N/m.
     pub stiffness_n_per_m: Option<[f64; 5]>,
-    /// Sum over the touched cells, N/m.
+    /// Sum of the stiffness of touched cells, N/m.
     pub total_n_per_m: f64,
     /// Share of the cells at zero.
     pub zero_share: f64,
     /// The same quantiles of the standard deviations, N/m.
     pub std_n_per_m: Option<[f64; 5]>,
-    /// The same quantiles of the frames that touched a cell.
+    /// The same quantiles of the number of frames that touched a cell.
     pub frames_per_cell: Option<[f64; 5]>,
     /// Lowest and highest point of the cells of at least a tenth of the largest stiffness, m.
     pub stiff_box_m: Option<[[f64; 3]; 2]>,
-    /// How many these are.
+    /// Number of cells of at least a tenth of the largest stiffness.
     pub stiff_cells: usize,
-    /// What only palpate's own files say.
+    /// Facts that only files of palpate contain.
     pub own: Option<OwnFacts>,
 }
 
-/// What a field says of how it was learnt.
+/// How a field was learnt.
 #[derive(Debug, Serialize)]
 pub struct OwnFacts {
-    /// Name of the robot that touched it.
+    /// Name of the robot.
     pub robot: String,
-    /// Where its cells are.
+    /// The lattice.
     pub lattice: LatticeFacts,
     /// The contact model.
     pub contact: ContactConfig,
-    /// What the torques of its logs meant.
+    /// The torque convention of the logs.
     pub touch: ExternalTorqueConfig,
-    /// What mapping would go on from.
+    /// The state from which mapping can continue; `None` if the field was saved without it.
     pub memory: Option<MemoryFacts>,
 }
 
-/// Where cells are.
+/// A lattice.
 #[derive(Debug, Serialize)]
 pub struct LatticeFacts {
     /// First point, m.
@@ -81,7 +81,7 @@ pub struct LatticeFacts {
     pub cells_declared: u64,
 }
 
-/// What mapping would go on from.
+/// The state from which mapping can continue.
 #[derive(Debug, Serialize)]
 pub struct MemoryFacts {
     /// The estimator.
@@ -90,17 +90,17 @@ pub struct MemoryFacts {
     pub estimator: EstimatorConfig,
     /// Standard deviation of an untouched cell, N/m.
     pub prior_std_n_per_m: f64,
-    /// Touches so far.
+    /// Number of touches so far.
     pub touches: u32,
-    /// Those whose samples it remembers, by number and name.
+    /// Touches whose samples are remembered, by number and name.
     pub remembered: Vec<String>,
-    /// Remembered frames.
+    /// Number of remembered frames.
     pub frames: usize,
-    /// Samples in the file's log.
+    /// Number of samples in the sample log.
     pub logged_samples: usize,
 }
 
-/// Looks at a field.
+/// Inspects a field.
 pub fn inspect(path: &Path) -> (Option<FieldFacts>, Vec<Finding>) {
     match field::load(path) {
         Ok(saved) => {
@@ -119,7 +119,7 @@ fn refused(what: String) -> Finding {
     Finding::error("field", what, remedy)
 }
 
-/// A field of another program: what there is of it.
+/// Facts and findings of a field of another program.
 fn foreign(path: &Path, missing: &str) -> (Option<FieldFacts>, Vec<Finding>) {
     let file = match read_npz(path).and_then(|arrays| FieldFile::from_arrays(&arrays)) {
         Ok(file) => file,
@@ -137,7 +137,7 @@ fn foreign(path: &Path, missing: &str) -> (Option<FieldFacts>, Vec<Finding>) {
     (Some(facts), findings)
 }
 
-/// The shares of interest of some numbers.
+/// Quantiles of some numbers at [`SHARES`].
 fn quantiles(numbers: &[f64]) -> Option<[f64; 5]> {
     let all: Option<Vec<f64>> = SHARES.iter().map(|&share| quantile(numbers, share)).collect();
     all.and_then(|all| all.try_into().ok())
@@ -145,7 +145,7 @@ fn quantiles(numbers: &[f64]) -> Option<[f64; 5]> {
 
 impl FieldFacts {
     fn new(path: &Path, file: &FieldFile) -> Self {
-        // The touched ones: all of them, if the field does not say.
+        // The touched cells; all cells, if the field has no counts.
         let touched = |row: &usize| file.counts.as_ref().is_none_or(|counts| counts[*row] > 0);
         let rows: Vec<usize> = (0..file.points.len()).filter(touched).collect();
         let of = |numbers: &Vec<f64>| rows.iter().map(|&row| numbers[row]).collect::<Vec<f64>>();
@@ -201,7 +201,8 @@ impl FieldFacts {
         })
     }
 
-    /// With the prior unknown, standard deviations that are all the same mean that too.
+    /// A warning if no standard deviation is below the prior's; if the prior is unknown, if all are
+    /// equal.
     fn never_reduced(&self) -> Option<Finding> {
         let [least, _, _, _, largest] = self.std_n_per_m?;
         let memory = self.own.as_ref().and_then(|own| own.memory.as_ref());

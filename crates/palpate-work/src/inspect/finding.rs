@@ -4,42 +4,42 @@ use serde::Serialize;
 
 use super::words::listed;
 
-/// How bad it is.
+/// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
-    /// Learning goes on as meant, and could teach more.
+    /// Learning works as intended, and could be improved.
     Note,
-    /// Learning would go on, but probably not as meant.
+    /// Learning works, but probably not as intended.
     Warning,
-    /// Learning would refuse it.
+    /// Learning refuses the input.
     Error,
 }
 
-/// One thing that looks wrong.
+/// A thing that looks wrong.
 #[derive(Debug, Clone, Serialize)]
 pub struct Finding {
-    /// How bad it is.
+    /// Severity.
     pub level: Level,
-    /// A name for programs, which stays when the words change.
+    /// A name for programs, which does not change with the wording.
     pub code: &'static str,
     /// What was seen, with numbers.
     pub what: String,
     /// What to do about it.
     pub remedy: String,
-    /// The touches that show it, if not all do.
+    /// Names of the touches that show it; may be empty if all do.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub touches: Vec<String>,
     /// The joints or links that show it.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub parts: Vec<String>,
-    /// Flags of `palpate map` and `predict` that would set it right.
+    /// Flags of `palpate map` and `predict` that would correct it.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub flags: Vec<String>,
 }
 
 impl Finding {
-    /// In one line: what looks wrong with `log`, and the flags that would set it right.
+    /// In one line: what looks wrong with `log`, and the flags that would correct it.
     pub fn line(&self, log: &str) -> String {
         let Self { code, what, flags, .. } = self;
         let remedy = match flags.is_empty() {
@@ -49,9 +49,9 @@ impl Finding {
         format!("{log} looks wrong ({code}): {what}{remedy}")
     }
 
-    /// A warning of what happens at some places, each in a touch; `None` if there are none.
+    /// A warning about some places, each with the name of its touch; `None` if there are none.
     ///
-    /// `what` takes how often it happens, and the places in words.
+    /// `what` makes the message from the number of places and a list of them.
     pub(super) fn at_places(
         code: &'static str,
         places: &[(&str, String)],
@@ -66,8 +66,8 @@ impl Finding {
         })
     }
 
-    /// A warning of some joints or links, each in words; `None` if there are none. `what` ends before
-    /// them.
+    /// A warning about some joints or links, each with its name and text; `None` if there are none. The message is
+    /// `what`, followed by the texts.
     pub(super) fn of_parts(
         code: &'static str,
         parts: &[(&str, String)],
@@ -80,7 +80,7 @@ impl Finding {
         (!parts.is_empty()).then(|| Self::warning(code, what(), remedy).at(&names))
     }
 
-    /// Something that learning takes, but probably not as meant.
+    /// A finding of level [`Level::Warning`].
     pub(super) fn warning(
         code: &'static str,
         what: impl Into<String>,
@@ -91,12 +91,12 @@ impl Finding {
         Self { level: Level::Warning, code, what, remedy, touches, parts, flags }
     }
 
-    /// The same, but nothing is wrong: it could teach more.
+    /// The same finding as a note.
     pub(super) fn noted(self) -> Self {
         Self { level: Level::Note, ..self }
     }
 
-    /// Something that learning refuses.
+    /// A finding of level [`Level::Error`].
     pub(super) fn error(
         code: &'static str,
         what: impl Into<String>,
@@ -105,22 +105,22 @@ impl Finding {
         Self::warning(code, what, remedy).refused()
     }
 
-    /// The same, but learning refuses it.
+    /// The same finding as an error.
     pub(super) fn refused(self) -> Self {
         Self { level: Level::Error, ..self }
     }
 
-    /// The same, seen in these touches.
+    /// The same finding, shown by these touches.
     pub(super) fn in_touches(self, touches: &[&str]) -> Self {
         Self { touches: touches.iter().map(ToString::to_string).collect(), ..self }
     }
 
-    /// The same, seen at these joints or links.
+    /// The same finding, shown by these joints or links.
     pub(super) fn at(self, parts: &[&str]) -> Self {
         Self { parts: parts.iter().map(ToString::to_string).collect(), ..self }
     }
 
-    /// The same, with flags that would set it right.
+    /// The same finding, with flags that would correct it.
     pub(super) fn try_flags(self, flags: &[impl ToString]) -> Self {
         Self { flags: flags.iter().map(ToString::to_string).collect(), ..self }
     }

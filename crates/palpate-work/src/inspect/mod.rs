@@ -1,17 +1,17 @@
-//! What a log, a robot or a field holds, and what looks wrong with it.
+//! Content of a log, a robot or a field, and what looks wrong with it.
 //!
-//! | module        | says                                                        |
+//! | module        | content                                                     |
 //! |---------------|-------------------------------------------------------------|
-//! | `recognise`   | which of the three a path is                                |
+//! | `recognise`   | whether a path is a log, a robot or a field                 |
 //! | `finding`     | what looks wrong: evidence and remedy                       |
 //! | `words`       | numbers and names in sentences                              |
 //! | [`mod@log`]   | touches: clock, torques, tare, noise, gravity, joint order, what they touch |
 //! | [`mod@robot`] | links, joints, masses, shapes, meshes                       |
 //! | [`mod@field`] | cells, stiffness, uncertainty, memory                       |
 //!
-//! Paths are inspected one by one, and what is wrong with one keeps no other from being looked
-//! at. An *error* is what learning or predicting would refuse; a *warning* is what they would
-//! take, but probably not as it was meant.
+//! Paths are inspected one by one; an error in one does not stop the others. An *error* is what
+//! learning or predicting would refuse; a *warning* is what they would accept, but probably not as
+//! intended.
 
 pub mod field;
 mod finding;
@@ -37,21 +37,21 @@ pub(crate) use log::{are_degrees, are_radians, farthest, is_misread, mean};
 pub use recognise::Kind;
 pub use words::{counted, number, word};
 
-/// What was found out about one path.
+/// Result for one path.
 #[derive(Debug, Serialize)]
 pub struct Inspection {
     /// The path, as it was given.
     pub path: PathBuf,
-    /// What it is.
+    /// Kind of the path.
     pub kind: Kind,
-    /// What it holds; absent if it cannot be read.
+    /// Facts about its content; absent if it cannot be read.
     #[serde(flatten)]
     pub holds: Option<Holds>,
     /// What looks wrong, errors first.
     pub findings: Vec<Finding>,
 }
 
-/// What a path holds.
+/// Facts about the content of a path.
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
 #[allow(missing_docs)] // each holds its facts
@@ -61,17 +61,18 @@ pub enum Holds {
     Field(Box<field::FieldFacts>),
 }
 
-/// Looks at paths, and loads the robot of the logs once.
+/// Inspects paths, and loads the robot of the logs only once.
 pub struct Inspector<'a> {
     settings: &'a Settings,
-    /// The field whose settings hold for logs, if one was given.
+    /// The field whose settings are used for logs, if one was given.
     field: Option<&'a Path>,
     progress: &'a dyn Progress,
     arm: Option<Arc<Arm>>,
 }
 
 impl<'a> Inspector<'a> {
-    /// Logs are looked at under these settings, or under those of a field which they agree with.
+    /// Logs are inspected under these settings, or under those of a field, which these must not
+    /// contradict.
     pub fn new(
         settings: &'a Settings,
         field: Option<&'a Path>,
@@ -80,11 +81,11 @@ impl<'a> Inspector<'a> {
         Self { settings, field, progress, arm: None }
     }
 
-    /// Looks at one path.
+    /// Inspects one path.
     ///
     /// # Errors
     ///
-    /// If the settings cannot hold, their robot cannot be loaded, or the progress stops it. What is
+    /// If the settings are invalid, their robot cannot be loaded, or the progress stops it. What is
     /// wrong with the path itself is a finding.
     pub fn inspect(&mut self, path: &Path) -> Result<Inspection, WorkError> {
         let (kind, holds, mut findings) = match recognise::recognise(path) {
@@ -107,7 +108,7 @@ impl<'a> Inspector<'a> {
     }
 
     fn log(&mut self, path: &Path) -> Result<(Option<log::LogFacts>, Vec<Finding>), WorkError> {
-        // Torques are looked at as they were measured.
+        // The measured torques are inspected, without an identified arm.
         let mut as_measured = self.settings.clone();
         as_measured.robot.arm = None;
         let config = match self.field {

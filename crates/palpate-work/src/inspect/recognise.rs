@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::finding::Finding;
 
-/// What a path is.
+/// Kind of a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
@@ -18,13 +18,13 @@ pub enum Kind {
     Log,
     /// A URDF, or the name of a built-in robot.
     Robot,
-    /// What `map` has learnt.
+    /// A field, as learnt by `palpate map`.
     Field,
-    /// Nothing that is known.
+    /// None of these.
     Unknown,
 }
 
-/// First bytes of the formats that have their own.
+/// First bytes of formats that can be recognised by them.
 const FIRST_BYTES: [(&[u8], Kind); 5] = [
     (b"PK\x03\x04", Kind::Field),
     (b"\x89MCAP", Kind::Log),
@@ -37,7 +37,7 @@ const WANTED: &str = "wanted a log (a folder with angles.npy and torques.npy, a 
                       folders, a .csv file or a folder of them, a bag of ROS 2, Parquet), a URDF, \
                       the name of a built-in robot, or a field (.npz)";
 
-/// Says what a path is, or why that cannot be said.
+/// Recognises the kind of a path; the error is a finding that says why it is not recognised.
 pub(super) fn recognise(path: &Path) -> Result<Kind, Box<Finding>> {
     if path.is_dir() {
         return Ok(Kind::Log);

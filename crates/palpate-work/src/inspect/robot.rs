@@ -1,6 +1,6 @@
-//! What a robot description holds: its tree, masses and shapes, and how its meshes baked.
+//! Content of a robot description: tree, masses, shapes, and the baking of its meshes.
 //!
-//! The tree is described even if a mesh is missing: only the skin needs meshes.
+//! The tree is described even if a mesh is missing, since only the surfaces need meshes.
 
 use std::path::{Path, PathBuf};
 
@@ -16,19 +16,19 @@ use crate::error::WorkError;
 use crate::settings::SettingsError;
 use crate::settings::sections::RobotSettings;
 
-/// A link whose largest side is beyond these is probably in another unit, m.
+/// Plausible range of the largest side of a link, m; outside of it, the unit is probably another.
 const BELIEVABLE_M: [f64; 2] = [0.01, 10.0];
-/// More of a mesh's volume than this in doubt is worth a word.
+/// Largest share of a mesh's inside volume that is in doubt without a warning.
 const DOUBTFUL: f64 = 0.02;
 
-/// What a robot holds.
+/// Facts about a robot.
 #[derive(Debug, Serialize)]
 pub struct RobotFacts {
-    /// As in the URDF.
+    /// Name in the URDF.
     pub name: String,
     /// Mass of all links, kg.
     pub mass_kg: f64,
-    /// The farthest that any part can get from the base, at most; known once the skin is.
+    /// Upper bound of the distance from the base to any part, m; `None` if there are no surfaces.
     pub reach_m: Option<f64>,
     /// Joints that move.
     pub joints: Vec<Joint>,
@@ -39,36 +39,36 @@ pub struct RobotFacts {
 /// A link.
 #[derive(Debug, Serialize)]
 pub struct LinkFacts {
-    /// As in the URDF.
+    /// Name in the URDF.
     pub name: String,
-    /// Carried by a joint, so that its mass loads one.
+    /// Whether a joint carries the link, so that its mass loads the joint.
     pub moves: bool,
-    /// Its mass.
+    /// Mass, kg.
     pub mass_kg: f64,
-    /// How many collision shapes it has.
+    /// Number of collision shapes.
     pub shapes: usize,
-    /// Its surface, if it has one and could be baked.
+    /// The baked surface, if the link has one and could be loaded.
     pub skin: Option<SkinFacts>,
 }
 
 /// The baked surface of a link.
 #[derive(Debug, Serialize)]
 pub struct SkinFacts {
-    /// From side to side in the link's frame.
+    /// Size along the axes of the link's frame, m.
     pub size_m: [f64; 3],
-    /// Whether it was kept from an earlier run.
+    /// Whether it was read from the cache.
     pub cached: bool,
-    /// The files of its meshes.
+    /// Files of the meshes.
     pub meshes: Vec<PathBuf>,
-    /// How well the baking went.
+    /// Report of the baking.
     pub report: BakeReport,
 }
 
-/// Looks at a robot, loaded with the payload of the settings.
+/// Inspects a robot, with the payload of the settings.
 ///
 /// # Errors
 ///
-/// If the settings name no payload that it can carry.
+/// If the robot cannot carry the payload of the settings.
 pub fn inspect(
     path: &Path,
     settings: &RobotSettings,
@@ -97,7 +97,7 @@ pub fn inspect(
     }
 }
 
-/// The robot without its skin, if its text can be read.
+/// The robot without surfaces, if its URDF can be read.
 fn tree(path: &Path) -> Option<Robot> {
     Robot::from_urdf(&input::read_text(path, u64::MAX).ok()?).ok()
 }
@@ -127,7 +127,8 @@ impl RobotFacts {
         of_all.into_iter().chain(of_links).flatten().collect()
     }
 
-    /// Links that move and are of a kind, if there are any: `is` ends before their names.
+    /// A warning about moving links that are `odd`; `None` if there are none. The message ends with
+    /// `is` and their names.
     fn moving_links(
         &self,
         odd: impl Fn(&LinkFacts) -> bool,
@@ -140,7 +141,7 @@ impl RobotFacts {
         Finding::of_parts(code, &odd, &what, remedy)
     }
 
-    /// Links that weigh nothing.
+    /// A warning about links without mass.
     fn masses(&self) -> Option<Finding> {
         if self.mass_kg == 0.0 {
             return Some(Finding::warning(
@@ -155,7 +156,7 @@ impl RobotFacts {
         self.moving_links(|link| link.shapes > 0 && link.mass_kg == 0.0, texts)
     }
 
-    /// Links that weigh something but can touch nothing.
+    /// A warning about links with mass but without a shape for contacts.
     fn shapes(&self) -> Option<Finding> {
         let remedy = "contacts of theirs are not seen; add <collision> to the links that may \
                       touch the object";
@@ -163,7 +164,8 @@ impl RobotFacts {
         self.moving_links(|link| link.shapes == 0 && link.mass_kg > 0.0, texts)
     }
 
-    /// Meshes of which winding number and flood fill do not agree what is inside.
+    /// A warning about meshes for which winding number and flood fill disagree about the inside;
+    /// `part` is the share of the volume in doubt.
     fn doubtful(
         &self,
         part: fn(&BakeReport) -> f64,
@@ -229,7 +231,7 @@ impl LinkFacts {
     }
 }
 
-/// An upper bound of the distance from the base to any part: the arm stretched straight.
+/// An upper bound of the distance from the base to any part, m: all links stretched in a line.
 fn reach_m(loaded: &LoadedArm) -> Option<f64> {
     let robot = &loaded.arm.robot;
     let poses = robot.forward(&vec![0.0; robot.n_joints()]).ok()?;
@@ -253,7 +255,7 @@ fn reach_m(loaded: &LoadedArm) -> Option<f64> {
     reach
 }
 
-/// How far a prismatic joint moves the link that it carries.
+/// Largest travel of a link by its prismatic joint, m; 0 for other links.
 fn travel_m(robot: &Robot, link: usize) -> f64 {
     let carries =
         |joint: &&Joint| joint.child.index() == link && joint.kind == JointKind::Prismatic;

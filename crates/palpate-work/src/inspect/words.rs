@@ -1,14 +1,14 @@
-//! Numbers and names as findings and facts are worded.
+//! Numbers and names as text, for findings and facts.
 
 use serde::Serialize;
 
-/// The word that a value is written as: in settings, JSON and findings.
+/// The word for a value in settings, JSON and findings.
 pub fn word(value: impl Serialize) -> String {
     let word = serde_json::to_value(value).unwrap_or_default();
     word.as_str().unwrap_or_default().to_owned()
 }
 
-/// A number of things.
+/// A count with its noun, such as `2 touches`.
 pub fn counted(count: usize, thing: &str) -> String {
     let plural = match thing {
         "touch" | "stretch" => "es",
@@ -22,7 +22,7 @@ pub(super) fn times(count: usize) -> String {
     if count == 1 { "once".to_owned() } else { format!("{count} times") }
 }
 
-/// Names in a row; of many only the first, since `--json` has them all.
+/// Names with commas between them; of many only the first, since `--json` has all of them.
 pub(super) fn listed<T: AsRef<str>>(names: &[T]) -> String {
     const SHOWN: usize = 8;
     let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
@@ -32,7 +32,7 @@ pub(super) fn listed<T: AsRef<str>>(names: &[T]) -> String {
     }
 }
 
-/// A length, torque or the like with as many digits as are significant.
+/// A quantity, such as a length or torque, with the significant digits.
 pub fn number(value: f64) -> String {
     let size = value.abs();
     match size {

@@ -1,9 +1,9 @@
-//! Whether the joints of a recording are loaded no more than where the last touch began, whatever its torques count as.
+//! Whether the joints carry no more load than at the start of the last touch, for torques of unknown convention.
 //!
-//! An arm that goes from one place to the next sweeps points of the box on its way, which a simulator of contacts then
-//! finds touched though nothing is there. Its torques know better: in the air they are those of the last pause, but for
-//! gravity. Whether they hold gravity, and in which sign, nobody has said here; so all three readings are followed, and the
-//! one counts in which the torques vary least: a wrong one adds gravity to them, or leaves it in.
+//! An arm that moves between two touches sweeps points of the lattice, and a simulation of contacts finds them touched
+//! although nothing is there. The torques show it: without contact they equal those of the last pause, apart from
+//! gravity. Their sign, and whether they contain gravity, are not known here. So three readings are followed, and the
+//! one is used in which the torques vary least, because a wrong reading adds gravity or does not remove it.
 
 use std::collections::VecDeque;
 
@@ -11,30 +11,31 @@ use palpate::{Robot, Sample};
 
 use crate::inspect::farthest;
 
-/// Samples of a standstill whose mean is taken, at least and at most.
+/// Fewest and most samples of a standstill whose mean torque is used.
 const MEAN_OF: [usize; 2] = [10, 100];
-/// As much of the largest load counts as none.
+/// Largest load of a free arm, as a share of the usual largest load.
 const FREE: f64 = 0.2;
-/// How gravity enters the readings: not at all, as what the joints feel, as what the motors exert.
+/// Factor of the gravity torque that each reading adds to the logged torque: torques without gravity, with gravity and
+/// sign plus, with gravity and sign minus.
 const READINGS: [f64; 3] = [0.0, -1.0, 1.0];
 
-/// Torques by joint, N·m, in each reading.
+/// Torque of each joint, N·m, by reading.
 type Torques = [Vec<f64>; READINGS.len()];
 
-/// Loads since the last pause.
+/// Loads since the start of the last touch.
 #[derive(Default)]
 pub(super) struct Load {
-    /// Samples in which the arm stands still, with their positions.
+    /// Joint positions and torques of the latest samples in which the arm stands still.
     still: VecDeque<(Vec<f64>, Torques)>,
-    /// Where the last touch began, and the largest difference from it since then, N·m.
+    /// Torques at the start of the last touch, and the largest difference from them since then, N·m.
     start: Option<Torques>,
     largest: [f64; READINGS.len()],
-    /// The largest of all touches before.
+    /// Largest difference in all touches before, N·m.
     before: [f64; READINGS.len()],
 }
 
 impl Load {
-    /// Begins a touch: what the arm bears now counts as nothing.
+    /// Begins a touch: loads are measured from the present torques.
     pub(super) fn begin(&mut self) {
         self.start = self.mean();
         for (before, largest) in self.before.iter_mut().zip(std::mem::take(&mut self.largest)) {
@@ -42,13 +43,13 @@ impl Load {
         }
     }
 
-    /// Forgets all samples: those to come are of another recording.
+    /// Forgets all samples, before those of another recording.
     pub(super) fn clear(&mut self) {
         *self = Self::default();
     }
 
-    /// Takes the next sample; whether the arm stands still and bears as little as where the last touch began, if that can
-    /// be said.
+    /// Takes the next sample. Whether the arm stands still with as little load as at the start of the last touch; false
+    /// if that cannot be decided.
     pub(super) fn is_free(&mut self, robot: &Robot, sample: &Sample, still_rad: f64) -> bool {
         let Ok(poses) = robot.forward(&sample.q) else { return false };
         let gravity = robot.gravity_torque(&poses);
@@ -75,13 +76,13 @@ impl Load {
         let Some(least) = (0..now.len()).min_by(|a, b| ever(*a).total_cmp(&ever(*b))) else {
             return false;
         };
-        // On a way through the air nothing is large, so what other touches had counts for half.
+        // In a motion without contact all loads are small, so the largest load of earlier touches counts half.
         let usual = self.largest[least].max(0.5 * self.before[least]);
-        // Without torques, as in a planned motion, nothing can be said.
+        // Without torques, as in a planned motion, nothing can be decided.
         usual > 0.0 && now[least] <= FREE * usual
     }
 
-    /// Of the standstill, if it is long enough.
+    /// Mean torques of the standstill, if it is long enough.
     fn mean(&self) -> Option<Torques> {
         (self.still.len() >= MEAN_OF[0]).then(|| {
             std::array::from_fn(|reading| {
@@ -94,7 +95,7 @@ impl Load {
     }
 }
 
-/// By how much torques differ from those at a start, N·m, in each reading.
+/// Largest difference of a joint's torque from that at the start, N·m, by reading.
 fn loads(now: &Torques, start: &Torques) -> [f64; READINGS.len()] {
     std::array::from_fn(|reading| farthest(&now[reading], &start[reading]))
 }

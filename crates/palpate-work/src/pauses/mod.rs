@@ -1,10 +1,10 @@
-//! `--split-idle`: a log parted into touches where the arm pauses in the air.
+//! `--split-idle`: splits a log into touches where the arm pauses without contact.
 //!
-//! [`PauseDetector`] says when; whether anything is touched, a simulator of our own says, which knows
-//! the arm and the workspace box, unless the torques show that the arm bears nothing (`load`). Still
-//! samples are held back until it is known which touch they belong to, so that each is in one touch
-//! only. What a log calls a touch stays one, and may become several; samples of an arm that moves
-//! before it has stood still once have no tare and are left out, with a warning.
+//! [`PauseDetector`] finds the pauses. The number of contacts that it needs comes from a simulation of its own, with
+//! the arm and the workspace box; it counts as zero if the torques show that the arm carries no load (`load`). Samples
+//! at rest are held back until it is known to which touch they belong, so that each is in one touch only. A touch of
+//! the log may be split into several, but is never joined with another. Samples of a motion before the first standstill
+//! have no tare and are left out, with a warning.
 
 mod load;
 
@@ -21,23 +21,23 @@ use crate::recorded::TouchEvent;
 use crate::settings::SettingsError;
 use load::Load;
 
-/// Parts touches at pauses.
+/// Splits touches at pauses.
 pub(crate) struct Pauses {
     tracker: Tracker,
     split: PauseDetector,
     load: Load,
     still_rad: f64,
-    /// The touch as the log calls it, and how many it has become.
+    /// Name of the touch in the log, and into how many parts it has been split so far.
     name: String,
     parts: u32,
-    /// Samples whose touch is not known yet, the last of them held back.
+    /// Samples that are held back until their touch is known.
     queue: VecDeque<Sample>,
-    /// Samples before the first pause.
+    /// Number of samples before the first pause.
     left_out: u64,
 }
 
 impl Pauses {
-    /// Parts the touches of an arm in a box.
+    /// For touches of an arm, with contacts in a lattice.
     ///
     /// # Errors
     ///
@@ -49,7 +49,7 @@ impl Pauses {
     ) -> Result<Self, SettingsError> {
         let still_rad = config.still_rad;
         let split = PauseDetector::new(config).map_err(SettingsError::value)?;
-        // Torques do not matter: nothing is taken off them, so that nothing can be missing.
+        // Only contacts are needed: nothing is subtracted from the torques, so that no tare can be missing.
         let mut touch = ExternalTorqueConfig::default();
         (touch.gravity, touch.tare) = (Gravity::Removed, Tare::None);
         let tracker = Tracker::new(Arc::clone(arm), lattice, &contact, touch)
@@ -58,7 +58,7 @@ impl Pauses {
         Ok(Self { tracker, split, load, still_rad, name, parts: 0, queue, left_out: 0 })
     }
 
-    /// Takes what the log says next; `then` gets what is to be done.
+    /// Takes the next event of the log, and appends the events that result to `then`.
     ///
     /// # Errors
     ///
@@ -81,7 +81,7 @@ impl Pauses {
         Ok(())
     }
 
-    /// Hands on what was held back, at the end of a touch or of the log.
+    /// Hands on the samples that were held back, at the end of a touch or of the log.
     pub(crate) fn finish(&mut self, then: &mut VecDeque<TouchEvent>) {
         if self.parts == 0 && !self.queue.is_empty() {
             self.announce(then);
@@ -89,7 +89,7 @@ impl Pauses {
         then.extend(self.queue.drain(..).map(TouchEvent::Sample));
     }
 
-    /// Samples that were left out since the arm had not stood still before them.
+    /// Number of samples that were left out because the arm had not stood still before them.
     pub(crate) fn left_out(&self) -> u64 {
         self.left_out
     }
@@ -108,7 +108,7 @@ impl Pauses {
             self.release(still.len(), then);
             self.announce(then);
             self.load.begin();
-            // What the arm covers in the air is empty space for the touch to come.
+            // Points that the arm covers in the pause are empty space for the next touch.
             self.tracker.begin_touch();
             if let Some(sample) = self.queue.back() {
                 self.tracker.feed(sample)?;
@@ -122,7 +122,7 @@ impl Pauses {
         Ok(())
     }
 
-    /// Hands on all but the latest so many.
+    /// Hands on all held samples but the latest `kept`; before the first touch they are left out.
     fn release(&mut self, kept: usize, then: &mut VecDeque<TouchEvent>) {
         let over = self.queue.len().saturating_sub(kept);
         let released = self.queue.drain(..over);

@@ -15,19 +15,19 @@ pub enum SettingsError {
     /// Not TOML, or a value of the wrong kind.
     #[error("the settings file `{}` has an error\n{message}", path.display())]
     Toml { path: PathBuf, message: String },
-    /// A key that means nothing.
+    /// A key that does not exist.
     #[error("`{}`, line {line}: there is no setting `{key}`{remedy}", path.display())]
     UnknownKey { path: PathBuf, line: usize, key: String, remedy: String },
     /// A value outside its range.
     #[error("bad setting: {0}")]
     Value(Box<MapperError>),
-    /// A value that would only cost hours or ruin the surface.
+    /// A value that the core accepts, but that costs hours or ruins the surface.
     #[error("bad setting: {key} is {found}; it must be at most {limit}: {reason}")]
     TooLarge { key: &'static str, found: f64, limit: f64, reason: &'static str },
-    /// A box that is none.
+    /// An invalid lattice.
     #[error("bad lattice: {0}")]
     Lattice(#[from] LatticeError),
-    /// A payload that is none.
+    /// An invalid payload.
     #[error("bad payload: {0}")]
     Payload(#[from] RobotError),
     /// Settings that need or exclude each other.
@@ -36,7 +36,7 @@ pub enum SettingsError {
 }
 
 impl SettingsError {
-    /// A value that the core refuses.
+    /// The error for a value that the core refuses.
     pub fn value(error: impl Into<MapperError>) -> Self {
         Self::Value(Box::new(error.into()))
     }

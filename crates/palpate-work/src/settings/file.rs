@@ -1,7 +1,7 @@
-//! The settings file: TOML with one table per section, keys named as the flags.
+//! The settings file: TOML with one table per section and keys named like the flags.
 //!
-//! Keys are checked before values, so that a misspelt one is met with its line and the nearest
-//! name that exists, wherever in the file that lives.
+//! Keys are checked before values, so that the error for a misspelt key gives its line and the most
+//! similar key of all sections.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ use super::sections::{
     TouchSettings,
 };
 
-/// A section of a settings file, and its keys as the flags declare them.
+/// Name of a section, and its keys as clap arguments.
 pub(super) type Keys = (&'static str, Vec<Arg>);
 
 /// All sections, in the template's order.
@@ -31,7 +31,7 @@ pub(super) fn sections() -> [Keys; 6] {
     ]
 }
 
-/// What to say to someone who wrote a key that is not known in `section`.
+/// Advice about a key that does not exist in `section`, or at the top level.
 fn key_remedy(all: &[Keys], section: Option<&str>, wrong: &str) -> String {
     let keys = all.iter().flat_map(|(name, args)| {
         args.iter().map(move |arg| {
@@ -43,7 +43,7 @@ fn key_remedy(all: &[Keys], section: Option<&str>, wrong: &str) -> String {
     nearest(wrong, keys)
 }
 
-/// Suggests the name that is most like the wrong one, if any is.
+/// Suggests the name that is most similar to the wrong one, if one is similar enough.
 fn nearest<'a>(wrong: &str, names: impl Iterator<Item = (&'a str, String)>) -> String {
     let plain = wrong.replace('-', "_").to_lowercase();
     let likeness = names.map(|(name, shown)| (strsim::jaro_winkler(&plain, name), shown));
@@ -57,14 +57,14 @@ fn keys_of<T: Args>() -> Vec<Arg> {
     T::augment_args(Command::new("")).get_arguments().cloned().collect()
 }
 
-/// Bytes of the largest settings file.
+/// Largest size of a settings file, bytes.
 const LARGEST: u64 = 1 << 20;
 
 /// Reads a settings file.
 ///
 /// # Errors
 ///
-/// If it cannot be read, is no TOML, or has a key or a value that means nothing.
+/// If it cannot be read, is not TOML, or has an unknown key or an invalid value.
 pub fn read(path: &Path) -> Result<Settings, SettingsError> {
     let text = input::read_text(path, LARGEST)
         .map_err(|source| SettingsError::Unreadable { path: path.to_owned(), source })?;
@@ -85,11 +85,11 @@ fn parse(path: &Path, text: &str) -> Result<Settings, SettingsError> {
     Ok(settings)
 }
 
-/// The settings that a table says, as a program may have made it.
+/// The settings in a table that a program has made.
 ///
 /// # Errors
 ///
-/// As [`read`]; values out of their range are found as well.
+/// As [`read`]; also if a value is out of its range.
 pub fn of_table(table: &toml::Table) -> Result<Settings, SettingsError> {
     let bad = |error: toml::de::Error| {
         let message = error.to_string().trim_end().replace('\n', " ");
@@ -104,17 +104,17 @@ pub fn of_table(table: &toml::Table) -> Result<Settings, SettingsError> {
     Ok(settings)
 }
 
-/// A key or section that is not known.
+/// An unknown key or section.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct Unknown {
-    /// Where it is in the text.
+    /// Its byte offset in the text.
     at: usize,
     key: String,
-    /// What to say to whoever wrote it.
+    /// Advice at the end of the error message.
     remedy: String,
 }
 
-/// The first key or section of a file that is not known.
+/// The first unknown key or section of a file.
 fn first_unknown(text: &str) -> Result<Option<Unknown>, toml::de::Error> {
     let all = sections();
     let mut unknown = Vec::new();

@@ -1,4 +1,4 @@
-//! The workspace box: lattices from settings, compared, and in words.
+//! The workspace box: makes lattices from settings, compares them, and describes them in words.
 
 use palpate::{Lattice, LatticeError};
 
@@ -16,9 +16,9 @@ impl LatticeSettings {
         self.origin_m.is_some() || self.shape.is_some()
     }
 
-    /// Whether some box with the one corner that was given is filled by this lattice.
+    /// Whether a box with the given corner can have this lattice, if only one corner is given.
     ///
-    /// A lattice stands in the middle of its box, so the other corner is the mirror image.
+    /// A lattice is centred in its box, so the other corner is the mirror image of the given one.
     pub(super) fn may_give(&self, saved: &Lattice) -> bool {
         let (low_m, high_m) = corners(saved);
         let mirrored = |corner_m: [f64; 3]| {
@@ -27,7 +27,7 @@ impl LatticeSettings {
         let (low_m, high_m) = match (self.box_low_m, self.box_high_m) {
             (Some(low_m), None) => (low_m, mirrored(low_m)),
             (None, Some(high_m)) => (mirrored(high_m), high_m),
-            _ => return false, // There is nothing to guess.
+            _ => return false, // Both corners are given, or none.
         };
         let spacing_m = self.spacing_m.unwrap_or(saved.spacing_m());
         !self.by_shape()
@@ -35,7 +35,7 @@ impl LatticeSettings {
                 .is_ok_and(|lattice| same_lattice(&lattice, saved))
     }
 
-    /// The lattice of these settings; what they leave open is as in `base`.
+    /// The lattice of these settings; values that are not given are those of `base`.
     pub(super) fn over_lattice(&self, base: &Lattice) -> Result<Lattice, SettingsError> {
         let spacing_m = self.spacing_m.unwrap_or(base.spacing_m());
         if self.by_box() && self.by_shape() {
@@ -80,14 +80,14 @@ pub fn corners(lattice: &Lattice) -> ([f64; 3], [f64; 3]) {
     (low_m, high_m)
 }
 
-/// Whether two lattices differ by no more than the dust of arithmetic.
+/// Whether two lattices are equal up to rounding errors.
 pub(crate) fn same_lattice(a: &Lattice, b: &Lattice) -> bool {
     (a.spacing_m() - b.spacing_m()).abs() < 1e-9
         && (a.origin_m() - b.origin_m()).amax() < 1e-9
         && a.shape() == b.shape()
 }
 
-/// Shape, spacing and origin.
+/// Shape, spacing and origin of a lattice in words.
 pub(crate) fn lattice_in_words(lattice: &Lattice) -> String {
     let origin_m: [f64; 3] = lattice.origin_m().into();
     format!("{:?} points every {} m from {origin_m:?} m", lattice.shape(), lattice.spacing_m())

@@ -1,9 +1,9 @@
-//! One layer of settings over another: what the upper has not, the lower gives.
+//! One layer of settings over another: the upper one wins, the lower one fills the gaps.
 
 use super::sections::{LatticeSettings, Section, Settings, TouchSettings};
 
 impl Settings {
-    /// These settings, and those of `lower` wherever these say nothing.
+    /// These settings; those that are not given are taken from `lower`.
     pub fn over(self, lower: Self) -> Self {
         Self {
             robot: self.robot.or(lower.robot),
@@ -17,8 +17,8 @@ impl Settings {
 }
 
 impl TouchSettings {
-    /// Frames given above turn off a `no_tare` below, and a `no_tare` above the frames below; that
-    /// there is a tare after all says nothing of its frames.
+    /// `tare_frames` overrides `no_tare` of the lower layer, and `no_tare = true` overrides its
+    /// `tare_frames`; `no_tare = false` keeps them.
     fn over(self, mut lower: Self) -> Self {
         if self.tare_frames.is_some() {
             lower.no_tare = None;
@@ -31,7 +31,7 @@ impl TouchSettings {
 }
 
 impl LatticeSettings {
-    /// A box given above replaces an origin and shape below, and the other way round.
+    /// A box replaces origin and shape of the lower layer, and the other way round.
     fn over(self, mut lower: Self) -> Self {
         if self.by_shape() {
             (lower.box_low_m, lower.box_high_m) = (None, None);

@@ -1,4 +1,4 @@
-//! What the user sets: flags over a TOML file over the shipped defaults.
+//! Settings: flags win over a TOML file, which wins over the defaults.
 //!
 //! [`sections`] declares every setting once; flags, keys of the file, and the template that
 //! `palpate settings` prints come from there. The defaults are the core's own: `resolve.rs` lays

@@ -1,4 +1,4 @@
-//! Values of flags that are more than a number or a word.
+//! Parsers of flag values that are not a single number.
 
 use std::str::FromStr;
 
@@ -8,7 +8,7 @@ use serde::de::IntoDeserializer;
 use serde::de::value::{Error, StrDeserializer};
 use serde::{Deserialize, Serialize};
 
-/// A parser of words that serde knows, which help and completions list.
+/// A parser of values by their serde names, which help and shell completion list.
 pub fn named<T>(words: &[&'static str]) -> impl TypedValueParser<Value = T> + use<T>
 where
     T: for<'de> Deserialize<'de> + Clone + Send + Sync + 'static,
@@ -19,7 +19,7 @@ where
     })
 }
 
-/// A parser of what serde takes from a word.
+/// Parses a value that can be made from a string.
 pub(super) fn from_word<T: TryFrom<String>>(text: &str) -> Result<T, T::Error> {
     text.to_owned().try_into()
 }
@@ -65,13 +65,13 @@ pub(super) fn columns(text: &str) -> Result<CsvColumns, String> {
     }
 }
 
-/// A joint that stands still, and where: `JOINT=POSITION`.
+/// A joint that stands still, and its position: `JOINT=POSITION`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Held {
-    /// Its name.
+    /// Name of the joint.
     pub joint: String,
-    /// Where it stands, rad or m.
+    /// Its position, rad or m.
     pub position: f64,
 }
 
@@ -94,7 +94,7 @@ impl From<Held> for String {
     }
 }
 
-/// What a log calls a joint, and what the robot does: `LOG=ROBOT`.
+/// Name of a joint in the log and in the URDF: `LOG=URDF`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Renamed {
@@ -145,10 +145,10 @@ pub enum Auto {
 }
 
 impl<T> OrAuto<T> {
-    /// To be found.
+    /// To be found from the data.
     pub const AUTO: Self = Self::Auto(Auto::Auto);
 
-    /// What is given, if anything is.
+    /// The given value; `None` if it is to be found from the data.
     pub fn given(self) -> Option<T> {
         match self {
             Self::Auto(_) => None,
@@ -157,11 +157,11 @@ impl<T> OrAuto<T> {
     }
 }
 
-/// How many frames the tare is the mean of.
+/// Frames whose mean torque is the tare.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "toml::Value", into = "toml::Value")]
 pub enum TareFrames {
-    /// The contact-free start, found by itself.
+    /// The contact-free start, found automatically.
     Auto,
     /// The first frames of each touch.
     First(u32),

@@ -1,6 +1,6 @@
-//! From what was given to what holds: given values laid over a base configuration.
+//! Turns settings into configurations: given values are laid over a base configuration.
 //!
-//! The base is the shipped one of the chosen estimator, or that of a saved field.
+//! The base is the default of the chosen estimator, or the configuration of a saved field.
 
 use palpate::unstable::{JointKind, PauseConfig};
 use palpate::{
@@ -15,13 +15,13 @@ use super::lattice::{lattice_in_words, same_lattice};
 use super::parse::{OrAuto, TareFrames};
 use super::sections::{LogSettings, RobotSettings, Section, Settings, TouchSettings};
 
-/// Baked coarser than this, m, a link loses its shape.
+/// Largest spacing of baked distances, m; with a larger one, a link loses its shape.
 const BAKE_SPACING_LIMIT_M: f64 = 0.05;
-/// More replays than this after each frame take hours for a touch.
+/// Most replays after each frame; more would take hours for a touch.
 const REPLAYS_LIMIT: f64 = 100_000.0;
 
 impl Settings {
-    /// Refuses values that the core takes but nobody can mean.
+    /// Refuses values that the core accepts but that cannot be intended.
     pub fn check(&self) -> Result<(), SettingsError> {
         let spacing_m = self.robot.bake_spacing_m.unwrap_or(0.0);
         let replays = f64::from(self.estimator.replays.unwrap_or(0));
@@ -36,7 +36,7 @@ impl Settings {
         self.log.check()
     }
 
-    /// Refuses frames of a tare that is not taken.
+    /// Refuses `tare_frames` together with `no_tare = true`.
     pub(super) fn check_tare(&self, place: &str) -> Result<(), SettingsError> {
         if self.touch.no_tare == Some(true) && self.touch.tare_frames.is_some() {
             return Err(SettingsError::Together(format!(
@@ -53,10 +53,10 @@ impl Settings {
         Ok(self.with_lattice(lattice, &base))
     }
 
-    /// The configuration with everything that was not given taken from that of a saved field.
+    /// The configuration of these settings; values that are not given are those of a saved field.
     ///
-    /// Settings that may have made the field's lattice give exactly that lattice: a box that is no multiple of the
-    /// spacing is larger than the lattice in it, and the saved field knows only the lattice.
+    /// Settings from which the field's lattice may have been made give exactly that lattice: a box that is not a
+    /// multiple of the spacing is larger than the lattice in it, and the saved field contains only the lattice.
     pub(crate) fn config_over_saved(
         &self,
         saved: &MapperConfig,
@@ -69,8 +69,8 @@ impl Settings {
         Ok(self.with_lattice(lattice, saved))
     }
 
-    /// How the torques that are learnt from count: as the logs say, over a base; of an identified arm they are made
-    /// external ones before.
+    /// Convention of the torques that the mapper gets: the settings over a base. With an identified arm, these are
+    /// external torques already.
     fn external_torque(&self, base: &ExternalTorqueConfig) -> ExternalTorqueConfig {
         let is_identified = self.robot.arm.is_some();
         let mut config = self.touch.over_config(base);
@@ -81,12 +81,12 @@ impl Settings {
         config
     }
 
-    /// How the torques of logs count that a field is asked about.
+    /// Torque convention of logs that are compared with a field.
     ///
     /// # Errors
     ///
-    /// If nobody says it: the field was learnt from external torques of an identified arm, and the logs are not read
-    /// with one.
+    /// If the convention is unknown: the field was learnt with an identified arm, the logs are read without one, and
+    /// sign or gravity is not given.
     pub fn torque_beside_field(
         &self,
         field: &ExternalTorqueConfig,
@@ -103,11 +103,11 @@ impl Settings {
         Ok(self.external_torque(field))
     }
 
-    /// How the measured torques of an identified arm count beside a running robot.
+    /// Convention of the measured torques of a running robot.
     ///
     /// # Errors
     ///
-    /// If the settings leave it open: it does not show sample by sample.
+    /// If sign or gravity is not given, since they cannot be found sample by sample.
     pub fn torque_beside_robot(&self) -> Result<ExternalTorqueConfig, SettingsError> {
         if self.touch.torque_sign_given().is_none() || self.touch.gravity_given().is_none() {
             return Err(SettingsError::Together(
@@ -141,7 +141,7 @@ impl RobotSettings {
         self.robot.as_deref().unwrap_or("kinova_gen3")
     }
 
-    /// What the robot carries.
+    /// The payload, if one is given.
     pub fn payload(&self) -> Result<Option<Payload>, SettingsError> {
         let com_link_m = self.payload_com_m.unwrap_or_default();
         match (&self.payload_link, self.payload_mass_kg) {
@@ -165,12 +165,12 @@ impl LogSettings {
         options
     }
 
-    /// The unit of the angles, unless it is to be found.
+    /// The given unit of the angles; `None` if it is to be found.
     pub fn angle_unit_given(&self) -> Option<AngleUnit> {
         self.angle_unit.and_then(OrAuto::given)
     }
 
-    /// Refuses gaps and pauses that are none.
+    /// Refuses gaps and pauses that are out of range.
     fn check(&self) -> Result<(), SettingsError> {
         if let Some(gap_s) = self.split_gap_s.filter(|gap_s| !(*gap_s > 0.0 && gap_s.is_finite())) {
             return Err(SettingsError::Together(format!(
@@ -180,7 +180,7 @@ impl LogSettings {
         self.pauses().map_or(Ok(()), |config| config.check()).map_err(SettingsError::value)
     }
 
-    /// What counts as a pause, if logs are to be parted at pauses.
+    /// What counts as a pause, if logs are to be split at pauses.
     pub fn pauses(&self) -> Option<PauseConfig> {
         let mut config = PauseConfig::default();
         config.idle_s = self.idle_s.unwrap_or(config.idle_s);
@@ -188,7 +188,7 @@ impl LogSettings {
         self.split_idle.unwrap_or_default().then_some(config)
     }
 
-    /// Refuses degrees for a robot of which some positions are no angles.
+    /// Refuses degrees for a robot with a prismatic joint.
     pub(crate) fn check_for(&self, robot: &Robot) -> Result<(), SettingsError> {
         let mut joints = robot.joints().iter();
         let slides = joints.find(|joint| joint.kind == JointKind::Prismatic);
@@ -208,17 +208,17 @@ impl LogSettings {
 }
 
 impl TouchSettings {
-    /// The sign of the torques, unless it is to be found.
+    /// The given sign of the torques; `None` if it is to be found.
     pub fn torque_sign_given(&self) -> Option<TorqueSign> {
         self.torque_sign.and_then(OrAuto::given)
     }
 
-    /// Whether the torques hold gravity, unless it is to be found.
+    /// Whether the torques contain gravity, as given; `None` if it is to be found.
     pub fn gravity_given(&self) -> Option<Gravity> {
         self.gravity.and_then(OrAuto::given)
     }
 
-    /// These over another configuration.
+    /// Another configuration with the given values.
     pub fn over_config(&self, base: &ExternalTorqueConfig) -> ExternalTorqueConfig {
         let mut config = base.clone();
         self.set(&mut config);
@@ -235,7 +235,7 @@ impl TouchSettings {
     }
 }
 
-/// The first setting in which a configuration departs from that of a saved field.
+/// The first setting in which a configuration differs from that of a saved field, in words.
 pub(crate) fn first_difference(saved: &MapperConfig, given: &MapperConfig) -> Option<String> {
     let (a, b) = (&saved.lattice, &given.lattice);
     if !same_lattice(a, b) {
@@ -252,7 +252,7 @@ pub(crate) fn first_difference(saved: &MapperConfig, given: &MapperConfig) -> Op
     differences.into_iter().next()
 }
 
-/// The settings of a section in which it departs from a saved one.
+/// The settings in which a section differs from a saved one, in words.
 pub(crate) fn departures<T: Serialize>(saved: &T, given: &T) -> Vec<String> {
     let json = |section| serde_json::to_value(section).expect("settings are plain data");
     let (saved, given) = (json(saved), json(given));

@@ -1,10 +1,9 @@
 //! Every setting, once: its key in the settings file, its flag, its help, and the field of the core's
 //! configuration that it sets.
 //!
-//! A key that is `None` was not given. Its help is the flag's, and the comment of the key in what
-//! `palpate settings` prints; a default in it is compared with the core's by a test. Ranges are not
-//! checked here: each is checked by the module of the core that it belongs to, so that Python and
-//! the command refuse the same values.
+//! A key that is `None` was not given. Its doc comment is the help of the flag, and the comment of the key in the file
+//! that `palpate settings` prints; a test compares the defaults in it with those of the core. Ranges are checked by the
+//! modules of the core, not here, so that Python and the command refuse the same values.
 
 use std::path::PathBuf;
 
@@ -20,17 +19,17 @@ use super::parse::{
     Held, OrAuto, Renamed, TareFrames, columns, counts3, from_word, named, vector3,
 };
 
-/// All that can be set; what was not given is `None`.
+/// All settings; those that are not given are `None`.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// Which arm it was.
+    /// The robot and its payload.
     #[command(flatten)]
     pub robot: RobotSettings,
     /// How logs are read.
     #[command(flatten)]
     pub log: LogSettings,
-    /// What their torques mean.
+    /// How logged torques become external torques.
     #[command(flatten)]
     pub touch: TouchSettings,
     /// The workspace box.
@@ -64,10 +63,10 @@ pub(crate) trait Section: Sized {
     /// Every key as given here, or else as given in `lower`.
     fn or(self, lower: Self) -> Self;
 
-    /// Sets the fields whose keys were given.
+    /// Sets the fields of `config` whose keys were given.
     fn set(&self, config: &mut Self::Config);
 
-    /// Takes the values of the keys that are fields.
+    /// Sets the keys that have a field in `config` to its value.
     fn take(&mut self, config: &Self::Config);
 }
 
@@ -109,7 +108,7 @@ macro_rules! section {
 }
 
 section! {
-    /// Which arm it was, and what it carried.
+    /// The robot and its payload.
     #[command(next_help_heading = "Robot")]
     pub struct RobotSettings of ArmOptions {
         /// URDF file, or the name of a built-in robot [default: kinova_gen3]
@@ -121,7 +120,7 @@ section! {
         /// Folder that keeps baked meshes [default: palpate in the user's cache folder]
         #[arg(long, value_name = "DIR")]
         pub cache_dir: PathBuf,
-        /// Bake meshes afresh and keep nothing
+        /// Bake meshes again and store nothing in the cache
         #[arg(
             long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true",
             require_equals = true
@@ -130,18 +129,18 @@ section! {
         /// Spacing of baked signed distances, m [default: 0.005]
         #[arg(long, value_name = "M", allow_negative_numbers = true)]
         pub bake_spacing_m: f64 => bake.spacing_m,
-        /// Joints that stand still and are not in the logs, and where, rad or m [default: fingers that a log has not,
-        /// in the middle of their range]
+        /// Joints that are not in the logs and stand still, with their positions, rad or m
+        /// [default: fingers that are missing in a log, in the middle of their range]
         #[arg(long, value_name = "JOINT=POSITION", value_delimiter = ',', value_parser = from_word::<Held>)]
         pub hold: Vec<Held>,
-        /// Names of joints in the logs, where they are not those of the URDF; what comes out has the logs' names
+        /// Names of joints in the logs that differ from those in the URDF; results have the names of the logs
         #[arg(long, value_name = "LOG=URDF", value_delimiter = ',', value_parser = from_word::<Renamed>)]
         pub rename: Vec<Renamed>,
-        /// The arm as `palpate identify` has found it: its masses, friction and bias are taken off the torques, whose
-        /// noise is known then
+        /// File of the identified arm from `palpate identify`: the torques of its masses, friction and bias are
+        /// subtracted from the logged torques, and its noise weighs the frames
         #[arg(long, value_name = "ARM.toml")]
         pub arm: PathBuf,
-        /// Link that carries a payload the URDF does not know of: a gripper, a tool, a camera
+        /// Link that carries a payload which is not in the URDF: a gripper, a tool, a camera
         #[arg(long, value_name = "LINK")]
         pub payload_link: String,
         /// Mass of the payload, kg
@@ -157,47 +156,48 @@ section! {
     /// How logs are read.
     #[command(next_help_heading = "Log")]
     pub struct LogSettings of LogOptions {
-        /// Unit of logged joint positions; `auto` takes it from the names of columns, or else from the data [default: auto]
+        /// Unit of logged joint positions; `auto` takes it from the names of columns, or else from the data
+        /// [default: auto]
         #[arg(long, value_name = "UNIT", value_parser = named::<OrAuto<AngleUnit>>(&["auto", "rad", "deg"]))]
         pub angle_unit: OrAuto<AngleUnit>,
         /// Columns of a CSV log, if their names do not say what they are: q=a,b;tau=c,d;time=t;touch=n (the
-        /// last two if there are any); in a file columns = { q = ["a", "b"], tau = ["c", "d"],
-        /// time = "t" }. Without a header, by their numbers from 1
+        /// last two if there are any); in a settings file columns = { q = ["a", "b"], tau = ["c", "d"],
+        /// time = "t" }. In a log without a header, by column numbers from 1
         #[arg(long, value_name = "MAP", value_parser = columns)]
         pub columns: CsvColumns => columns,
-        /// Topic of a bag that holds the joints [default: the only one that does]
+        /// Topic with the joint states in a bag [default: the only such topic]
         #[arg(long, value_name = "TOPIC")]
         pub topic: String => topic,
         /// Topic of a bag on which each message starts a touch; text in it names the touch
         /// [default: /palpate/touch, if there is one]
         #[arg(long, value_name = "TOPIC")]
         pub touch_topic: String => touch_topic,
-        /// Joints of a bag to read, by name; messages without them are left out [default: those of
-        /// the message that has most]
+        /// Joints of a bag to read, by name; messages without them are left out
+        /// [default: those of the message with most joints]
         #[arg(long, value_name = "NAMES", value_delimiter = ',')]
         pub joints: Vec<String> => joints,
-        /// Read a bag that breaks off up to there, as if it ended
+        /// Read a truncated bag up to where it breaks off, as if it ended there
         #[arg(
             long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true",
             require_equals = true
         )]
         pub until_break: bool => until_break,
-        /// End with an error where a log looks wrong (see `palpate inspect`), not with a warning
+        /// End with an error, not with a warning, if a log looks wrong (see `palpate inspect`)
         #[arg(
             long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true",
             require_equals = true
         )]
         pub strict: bool,
-        /// Start a new touch wherever two samples lie further apart than this, s
+        /// Start a new touch where two samples are farther apart than this, s
         #[arg(long, value_name = "S", allow_negative_numbers = true)]
         pub split_gap_s: f64 => split_gap_s,
-        /// Start a new touch whenever the arm has stood still for a while and touches nothing
+        /// Start a new touch where the arm stands still for --idle-s and touches nothing
         #[arg(
             long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true",
             require_equals = true
         )]
         pub split_idle: bool,
-        /// How long the arm must stand still for that, s; where samples have no time, 25 of them
+        /// How long the arm must stand still for --split-idle, s; if samples have no times, for 25 samples
         /// [default: 0.5]
         #[arg(long, value_name = "S", allow_negative_numbers = true)]
         pub idle_s: f64,
@@ -205,31 +205,30 @@ section! {
 }
 
 section! {
-    /// How logged torques become external ones.
+    /// How logged torques become external torques.
     #[command(next_help_heading = "Torques")]
     pub struct TouchSettings of ExternalTorqueConfig {
         /// Sign of logged torques: `plus` if they are what gravity and the object exert on the
         /// joints, `minus` if they are what the motors exert, `auto` to find out from the log [default: auto]
         #[arg(long, value_name = "SIGN", value_parser = named::<OrAuto<TorqueSign>>(&["auto", "plus", "minus"]))]
         pub torque_sign: OrAuto<TorqueSign>,
-        /// Whether logged torques still hold gravity; `auto` to find out from the log [default: auto]
+        /// Whether logged torques contain gravity; `auto` to find out from the log [default: auto]
         #[arg(
             long, value_name = "STATE",
             value_parser = named::<OrAuto<Gravity>>(&["auto", "included", "removed"])
         )]
         pub gravity: OrAuto<Gravity>,
-        /// Frames at the start of each touch whose mean torque is taken off, or `auto` to find the
+        /// Number of frames at the start of each touch whose mean torque is subtracted, or `auto` to find the
         /// contact-free start [default: auto]
         #[arg(long, value_name = "N|auto")]
         pub tare_frames: TareFrames,
-        /// Take off no tare: the torques are external ones already
+        /// Subtract no tare: the torques are external torques already
         #[arg(
             long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true",
             require_equals = true, conflicts_with = "tare_frames"
         )]
         pub no_tare: bool,
-        /// Farthest that a joint moves and still counts as standing still, rad (m for a prismatic
-        /// joint) [default: 0.002]
+        /// How far a joint may move and still count as standing still, rad (m for a prismatic joint) [default: 0.002]
         #[arg(long, value_name = "RAD", allow_negative_numbers = true)]
         pub still_rad: f64 => still_rad,
     }
@@ -267,7 +266,7 @@ section! {
     /// The contact model.
     #[command(next_help_heading = "Contact")]
     pub struct ContactSettings of ContactConfig {
-        /// How far from its surface a link takes hold of a point, m [default: 0.024]
+        /// Distance from the surface of a link at which it begins to push a point, m [default: 0.024]
         #[arg(long, value_name = "M", allow_negative_numbers = true)]
         pub contact_distance_m: f64 => contact_distance_m,
         /// Tangential over normal displacement at which a point begins to slip [default: 0.3]
@@ -280,7 +279,7 @@ section! {
         /// Farthest that a point slips in one iteration, m [default: 0.006]
         #[arg(long, value_name = "M", allow_negative_numbers = true)]
         pub slip_step_m: f64 => slip_step_m,
-        /// Slip iterations of one motion; 0 makes points stick [default: 10]
+        /// Slip iterations of one motion; 0 makes all points stick [default: 10]
         #[arg(long, value_name = "N")]
         pub slip_iterations: u32 => slip_iterations,
         /// Farthest that a link moves in one sub-step, in cells [default: 0.5]
@@ -297,40 +296,42 @@ section! {
     #[command(next_help_heading = "Estimator")]
     pub struct EstimatorSettings of EstimatorConfig {
         /// `map`, the exact maximum a posteriori; `ekf`, the paper's filter; or `elastic`, an elastic
-        /// body from a --cloud, and map for the torque that it does not explain. Each has its own defaults for the keys below [default: map]
+        /// body from a --cloud, and map for the torque that it does not explain. Each has its own defaults
+        /// for the keys below [default: map]
         #[arg(
             long, value_name = "NAME",
             value_parser = named::<EstimatorKind>(&EstimatorKind::ALL.map(EstimatorKind::name))
         )]
         pub estimator: EstimatorKind,
-        /// Stiffness of an untouched cell of 1 cm, N/m; scales with the spacing cubed
+        /// Expected stiffness of an untouched cell of 1 cm, N/m; scales with the spacing to the power 3
         /// [default: 0.0 for map, 0.006 for ekf]
         #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
         pub prior_mean: f64 => prior.mean_n_per_m,
-        /// Standard deviation of an untouched cell of 1 cm, N/m; scales with the spacing to the 1.5
-        /// [default: 0.76]
+        /// Standard deviation of the stiffness of an untouched cell of 1 cm, N/m; scales with the spacing to the
+        /// power 1.5 [default: 0.76]
         #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
         pub prior_std: f64 => prior.std_n_per_m,
         /// Torque that the model may leave unexplained, N·m: one value, or one for each joint
         /// [default: 0.2 for map, 1.5 for ekf]
         #[arg(long, value_name = "N_M", value_delimiter = ',', allow_hyphen_values = true)]
         pub torque_std: Vec<f64> => torque_std,
-        /// How much a cell of 1 cm may change in a step, N/m; `ekf` only [default: 0.0]
+        /// How much the stiffness of a cell of 1 cm may change in one step, N/m (standard deviation); `ekf` only
+        /// [default: 0.0]
         #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
         pub drift_std: f64 => drift_std_n_per_m,
-        /// Factor of the stiffness where it is shown or predicted with, from 0 to 1; `map` only [default: 1.0]
+        /// Factor on the stiffness in results and predictions, from 0 to 1; `map` only [default: 1.0]
         #[arg(long, value_name = "SCALE", allow_negative_numbers = true)]
         pub stiffness_scale: f64 => stiffness_scale,
-        /// Remembered frames visited again after each new one [default: 20]
+        /// Number of remembered frames that are used again after each new frame [default: 20]
         #[arg(long, value_name = "N")]
         pub replays: u32 => replays,
-        /// Frames remembered at most [default: 20000]
+        /// Largest number of remembered frames [default: 20000]
         #[arg(long, value_name = "N")]
         pub memory_frames: usize => memory.frames,
-        /// Memory of the remembered frames at most, MiB [default: 256]
+        /// Largest memory of the remembered frames, MiB [default: 256]
         #[arg(long, value_name = "MIB")]
         pub memory_mib: usize,
-        /// Seed of the draws from memory [default: 0]
+        /// Seed of the random draws from memory [default: 0]
         #[arg(long, value_name = "N")]
         pub seed: u64 => seed,
     }

@@ -1,4 +1,4 @@
-//! `palpate settings`: what holds, as a commented file to start from.
+//! `palpate settings`: the effective settings as a commented TOML file.
 
 use palpate::unstable::PauseConfig;
 use palpate::{EstimatorKind, Lattice, Tare};
@@ -38,8 +38,8 @@ impl Settings {
             all.lattice.origin_m = Some(lattice.origin_m().into());
             all.lattice.shape = Some(lattice.shape());
         } else {
-            // A box that is no multiple of the spacing is larger than what fills it: only the box
-            // that was filled gives the same points again.
+            // A box that is not a multiple of the spacing is larger than its lattice: only the given box leads to the
+            // same points again.
             let (low_m, high_m) = corners(&Lattice::default());
             all.lattice.box_low_m.get_or_insert(low_m.map(rounded));
             all.lattice.box_high_m.get_or_insert(high_m.map(rounded));
@@ -52,8 +52,8 @@ impl Settings {
         Ok(all)
     }
 
-    /// The effective settings as TOML, each key under its help. Keys without a value are commented out, and
-    /// so are those that `map` would choose: with a value in the file it would not.
+    /// The effective settings as TOML, each key under its help. Keys without a value are commented out, and so are
+    /// those for which `map` chooses a value: it would not if the file had one.
     pub fn template(&self) -> Result<String, SettingsError> {
         let broken = |error: toml::ser::Error| {
             SettingsError::Together(format!("the settings cannot be written as TOML: {error}"))
@@ -91,7 +91,7 @@ impl Settings {
     }
 }
 
-/// A length without the dust of its last bits.
+/// A length, m, without rounding errors.
 fn rounded(length_m: f64) -> f64 {
     (length_m * 1e9).round() / 1e9
 }

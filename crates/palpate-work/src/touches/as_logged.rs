@@ -1,4 +1,4 @@
-//! What looks wrong with logs as they are, before their torques become external ones: nobody sees it afterwards.
+//! Checks of logs before their torques become external torques, since these defects are not visible afterwards.
 
 use std::borrow::Cow;
 
@@ -12,16 +12,17 @@ use crate::inspect::log::{looks_wrong_as_logged, warn_of};
 use crate::progress::Progress;
 use crate::settings::Settings;
 
-/// Findings that another mass than the URDF's may make.
+/// Codes of findings that wrong masses in the URDF can cause.
 const OF_MASSES: [&str; 2] = ["payload", "gravity_misfit"];
 
 impl Touches {
-    /// Warns of what looks wrong with the first samples of the logs, log by log, before their torques become external ones:
-    /// those of an arm as it was identified, or of one that is to be, whose payload is not known yet.
+    /// Warns of what looks wrong with the first samples of each log, before their torques become external torques.
+    /// `model` is the model of the identified arm; without it, the arm is still to be identified and its payload is
+    /// unknown.
     ///
     /// # Errors
     ///
-    /// If the settings want that to be an error, or the model is of another arm.
+    /// If something looks wrong and the settings are `strict`, or the model belongs to another arm.
     pub(super) fn check_as_logged(
         &mut self,
         arm: &Arm,
@@ -63,7 +64,7 @@ impl Touches {
                 sample.tau.iter_mut().zip(joints).for_each(|(tau, joint)| *tau /= joint.gain);
             }
             if touches.iter().flat_map(|touch| &touch.samples).all(is_without_torque) {
-                continue; // with a warning of its own
+                continue; // there is another warning for it
             }
             let given = (&set, given);
             let mut found = looks_wrong_as_logged(&mut touches, &robot, given, self.checked.0);

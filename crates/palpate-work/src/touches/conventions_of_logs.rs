@@ -1,5 +1,5 @@
-//! What is taken from the logs before they are used, so that nobody has to give it: which joints are not in them, and
-//! the conventions of their torques.
+//! What is found from the logs before they are used, so that the user need not give it: joints that are not in them,
+//! the unit of angles, and the convention of torques.
 
 use std::path::Path;
 use std::slice;
@@ -18,24 +18,26 @@ use crate::recorded::reorder_joints;
 use crate::settings::sections::{RobotSettings, TouchSettings};
 use crate::settings::{OrAuto, Settings};
 
-/// Samples that are read ahead to find out how torques count: 20 MB of seven joints.
+/// Most samples that are read ahead to find the conventions: 20 MB for seven joints.
 pub(super) const AHEAD: usize = 100_000;
 
-/// What to do where data fit two conventions of torques alike.
+/// What to do if the data do not decide the torque convention.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum IfUndecided {
-    /// Nobody else says which it is: an error.
+    /// Return an error, since the convention is not known from elsewhere.
     Refuse,
-    /// A field says which it is.
+    /// Go on, since a field has the convention.
     LeaveOpen,
 }
 
 impl Touches {
-    /// The arm with those joints standing still that the logs do not hold, which a note names; they go into the settings.
+    /// The arm in which the joints that are not in the logs stand still. A note names them, and they are added to the
+    /// settings.
     ///
     /// # Errors
     ///
-    /// Never of logs that do not serve the arm, which shows where they are read.
+    /// If a joint cannot be made to stand still. Logs that do not fit the arm are not refused here, but when they are
+    /// read.
     pub fn arm_of_logs(
         &mut self,
         arm: Arc<Arm>,
@@ -70,12 +72,13 @@ impl Touches {
         Ok(arm)
     }
 
-    /// Reads positions as degrees if they are, where neither the settings nor the names of columns say what they are; that
-    /// goes into the settings, and a note says why.
+    /// Finds out whether positions are in degrees, if neither the settings nor the names of columns give the unit. If
+    /// so, they are read as degrees, the settings get that unit, and a note says why.
     ///
     /// # Errors
     ///
-    /// If the settings say degrees of an arm with a prismatic joint, or some logs are in degrees and others in radians.
+    /// If the settings give degrees for an arm with a prismatic joint, or some touches are in degrees and others in
+    /// radians.
     pub fn angle_unit(
         &mut self,
         arm: &Arm,
@@ -108,8 +111,8 @@ impl Touches {
         Ok(())
     }
 
-    /// The first touch whose positions, by themselves, are in another unit than those of all together: in radians if these
-    /// are degrees, and the other way round; and its log.
+    /// The first touch whose positions alone seem to be in another unit than those of all touches together, and its
+    /// log: in radians if these are degrees, and the other way round.
     fn touch_in_another_unit(
         &self,
         robot: &Robot,
@@ -133,12 +136,12 @@ impl Touches {
         self.logs.all().next().map_or(String::new(), |(path, _)| path.display().to_string())
     }
 
-    /// Takes from the logs what the settings leave open of the torques: what a type of message says, else what the
-    /// data show, with a note that says why.
+    /// Completes the torque convention in the settings: from the type of message in the logs, else from the data, with
+    /// a note that says why.
     ///
     /// # Errors
     ///
-    /// If the settings contradict what the logs say, or the data fit two conventions alike and that is to be
+    /// If the settings contradict the type of message, or the data do not decide the convention and that is to be
     /// refused.
     pub fn conventions(
         &mut self,
@@ -163,7 +166,7 @@ impl Touches {
             return Ok(());
         };
         if is_misread(&mut touches, &arm.robot, (self.checked.0, &set)) {
-            return Ok(()); // which is warned of
+            return Ok(()); // the check of the log warns of it
         }
         match evidence.decide(Given { torque_sign, gravity }) {
             Ok(found) => {
@@ -172,12 +175,12 @@ impl Touches {
                 if found.is_of_nothing() {
                     progress.warn(&format!("`{path}`: {found}"));
                 } else if !is_contradicted {
-                    progress.note(&format!("`{path}`: {found}")); // else it is warned of
+                    progress.note(&format!("`{path}`: {found}")); // else the check of the log warns
                 }
                 settings.torque_sign = Some(OrAuto::Is(found.torque_sign));
                 settings.gravity = Some(OrAuto::Is(found.gravity));
             }
-            // What is given is wrong, which is warned of.
+            // The given part is wrong, and the check of the log warns of it.
             Err(_) if evidence.decide(Given::default()).is_ok() => {}
             Err(undecided @ Undecided::Nothing(_)) => {
                 progress.warn(&format!("`{path}`: {undecided}"));
@@ -192,7 +195,7 @@ impl Touches {
         Ok(())
     }
 
-    /// Motor currents count as the motors' torques do, and hold gravity.
+    /// The convention of motor currents: the sign of motor torques (minus), with gravity.
     fn conventions_of_currents(
         &self,
         settings: &mut TouchSettings,
@@ -228,7 +231,7 @@ impl Touches {
         Ok(())
     }
 
-    /// Torques that a type of message says are external ones hold no gravity, and count as the motors' do:
+    /// The convention of message types with external torques: no gravity, and the sign of motor torques (minus), since
     /// libfranka's `tau_ext_hat_filtered` is what the motors exert beyond the model.
     fn conventions_of_messages(
         &self,
@@ -273,7 +276,7 @@ impl Touches {
     }
 }
 
-/// Events as touches, joints in the arm's order; `None` if they are not the arm's.
+/// Events as touches, joints in the robot's order; `None` if the joints do not match those of the robot.
 pub(super) fn touches_of<'a>(
     events: impl Iterator<Item = &'a LogEvent>,
     robot: &Robot,

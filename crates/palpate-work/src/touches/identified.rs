@@ -1,5 +1,5 @@
-//! Torques of an arm that was identified: external torques with a standard deviation each, in place of what was
-//! measured. A touch is read as a whole, for speeds are computed out of what comes before and after.
+//! External torques of an identified arm, each with a standard deviation, in place of the measured torques. A touch is
+//! read as a whole, since speeds are computed from the samples before and after.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -15,23 +15,23 @@ use crate::progress::Progress;
 use crate::settings::Settings;
 use crate::settings::sections::TouchSettings;
 
-/// Makes the torques of an identified arm external ones.
+/// Turns the measured torques of an identified arm into external torques.
 pub(super) struct ExternalReader {
     arm: Arc<Arm>,
     model: TorqueModel,
     differentiation: Differentiation,
     torques: ExternalTorqueConfig,
-    /// Events of the touch under way.
+    /// Events of the present touch that were not handed on yet.
     ready: VecDeque<TouchEvent>,
 }
 
 impl Touches {
-    /// Takes from the logs how their torques count, into the settings, and, if those name an identified arm, makes them
-    /// external ones.
+    /// Completes the torque convention in the settings from the logs. If the settings name an identified arm, the
+    /// torques become external torques.
     ///
     /// # Errors
     ///
-    /// As [`Touches::conventions`]; or if the arm's file cannot be read, or is of another robot.
+    /// As [`Touches::conventions`]; or if the arm's file cannot be read or belongs to another robot.
     pub fn external(
         &mut self,
         arm: &Arc<Arm>,
@@ -47,11 +47,12 @@ impl Touches {
     }
 
     /// Finds sign and gravity of the logged torques and writes them into the settings. With a model, the torques become
-    /// external ones; without, they stay those of the motors, or their currents.
+    /// external torques; without, they stay as logged.
     ///
     /// # Errors
     ///
-    /// If that is not decided, if what looks wrong is to be an error, or the model is of another arm.
+    /// If the data do not decide the convention, if something looks wrong and the settings are `strict`, or if the
+    /// model belongs to another arm.
     pub fn measured(
         &mut self,
         arm: &Arc<Arm>,
@@ -68,7 +69,7 @@ impl Touches {
         })
     }
 
-    /// Refuses logs of motor currents: nothing is known of their gains.
+    /// Refuses logs of motor currents, since their gains are unknown.
     ///
     /// # Errors
     ///
@@ -78,7 +79,8 @@ impl Touches {
         Err(WorkError::Usage(format!("`{}`: {}", path.display(), CURRENTS.join("; "))))
     }
 
-    /// Makes the torques external ones, as far as a model knows the arm; `touch` says how they are logged.
+    /// Turns the torques into external torques with the model of an arm; `touch` is the convention in which they are
+    /// logged.
     ///
     /// # Errors
     ///
@@ -99,7 +101,7 @@ impl Touches {
         Ok(())
     }
 
-    /// What the logs say next, with external torques if the arm was identified.
+    /// The next event of the logs, with external torques if the arm was identified.
     pub(super) fn read_external(&mut self) -> Result<Option<TouchEvent>, WorkError> {
         let Some(identified) = &mut self.identified else { return self.read_on() };
         if let Some(event) = identified.ready.pop_front() {
@@ -109,7 +111,7 @@ impl Touches {
         let (mut samples, mut bytes): (Vec<Sample>, usize) = (Vec::new(), 0);
         while matches!(self.logs.look_ahead(1).next(), Some(LogEvent::Sample(_))) {
             if let Some(TouchEvent::Sample(sample)) = self.read_on()? {
-                // With the standard deviations that it will have.
+                // With the standard deviations that are added below.
                 bytes += bytes_of(&sample) + 8 * sample.q.len();
                 if bytes as u64 > input::largest() {
                     let (log, (touch, _)) = (self.log().display(), &self.read);

@@ -5,21 +5,21 @@ use std::path::{Path, PathBuf};
 
 use palpate_io::log::{AngleUnit, Log, LogError, LogEvent};
 
-/// An event, and the number of the log that it is of.
+/// The number of a log, and an event of it.
 type Numbered = (usize, LogEvent);
 
 /// Logs that are read as one.
 #[derive(Default)]
 pub(super) struct Logs {
     logs: Vec<(PathBuf, Box<dyn Log>)>,
-    /// Whether somebody, or the names of its columns, say what unit the positions of each log are in.
+    /// Whether the unit of positions is given for each log, by the settings or by the names of its columns.
     unit_said: Vec<bool>,
-    /// The log that is read from.
+    /// Number of the log that is being read.
     reading: usize,
-    /// What was read and not handed on yet, and the error behind it.
+    /// Events that were read and not handed on yet, and the error after them.
     ahead: VecDeque<Numbered>,
     failed: Option<(usize, LogError)>,
-    /// Positions were read as radians, and are degrees.
+    /// Whether positions without a given unit are degrees.
     in_degrees: bool,
 }
 
@@ -36,25 +36,25 @@ impl Logs {
         self.unit_said.extend(other.unit_said);
     }
 
-    /// Turns positions into radians that were read as such and are degrees, unless their unit was said: those ahead, and
-    /// those to come.
+    /// Takes positions without a given unit for degrees: turns those that were read ahead, and all that follow, into
+    /// radians.
     pub(super) fn are_in_degrees(&mut self) {
         self.in_degrees = true;
         let unsaid = self.ahead.iter_mut().filter(|(log, _)| !self.unit_said[*log]);
         unsaid.for_each(|(_, event)| into_rad(event));
     }
 
-    /// Whether nobody says what unit the positions of a log are in.
+    /// Whether the unit of the positions of a log is not given.
     pub(super) fn lacks_unit(&self, log: usize) -> bool {
         !self.unit_said[log]
     }
 
-    /// The logs and where they are.
+    /// The logs with their paths.
     pub(super) fn all(&self) -> impl Iterator<Item = &(PathBuf, Box<dyn Log>)> {
         self.logs.iter()
     }
 
-    /// Where a log is, or the last one.
+    /// Path of a log; that of the last one if there is no log of this number.
     pub(super) fn path(&self, log: usize) -> &Path {
         &self.logs[log.min(self.logs.len().saturating_sub(1))].0
     }
@@ -71,7 +71,7 @@ impl Logs {
         }
     }
 
-    /// Reads so many samples ahead, or all that there are, and returns what is ahead.
+    /// Reads ahead until `samples` samples or the end, and returns the events that were read and not handed on yet.
     pub(super) fn look_ahead(&mut self, samples: usize) -> impl Iterator<Item = &LogEvent> {
         let is_sample = |event: &LogEvent| matches!(event, LogEvent::Sample(_));
         let mut found = self.ahead.iter().filter(|(_, event)| is_sample(event)).count();
@@ -88,12 +88,12 @@ impl Logs {
         self.ahead.iter().map(|(_, event)| event)
     }
 
-    /// What was read ahead of a log.
+    /// The events of one log that were read ahead.
     pub(super) fn ahead_of(&self, log: usize) -> impl Iterator<Item = &LogEvent> {
         self.ahead.iter().filter(move |(of, _)| *of == log).map(|(_, event)| event)
     }
 
-    /// The same of logs of which nobody says what unit their positions are in.
+    /// As [`Self::look_ahead`], but returns only events of logs without a given unit of positions.
     pub(super) fn look_ahead_in_unknown_unit(&mut self, samples: usize) -> Vec<&LogEvent> {
         let _ = self.look_ahead(samples);
         let unsaid = self.ahead.iter().filter(|(log, _)| !self.unit_said[*log]);

@@ -1,10 +1,10 @@
 //! Logs one after another, with their joints in the robot's order.
 //!
-//! | file   | says                                                                   |
+//! | file   | content                                                                |
 //! |--------|------------------------------------------------------------------------|
-//! | `logs` | the logs' events, which can be read ahead                              |
-//! | `as_logged` | what looks wrong with them before their torques become external ones |
-//! | `identified` | external torques of an arm that was identified                  |
+//! | `logs` | the events of the logs, which can be read ahead                        |
+//! | `as_logged` | checks of logs before their torques become external torques       |
+//! | `identified` | external torques of an identified arm                            |
 //! | `conventions_of_logs` | missing joints and torque conventions, found from the logs before they are used |
 
 mod as_logged;
@@ -43,23 +43,25 @@ pub struct Touches {
     current: usize,
     joints: Vec<String>,
     permutation: Option<Vec<usize>>,
-    /// The arm whose joints these are, and where they were in the sample before.
+    /// The arm for which the logs are read, and its joint positions in the previous sample, rad or m.
     arm: Option<Arc<Arm>>,
     before: Option<Vec<f64>>,
     /// Joints of the touch that was started last, as the log names them.
     named: Option<Vec<String>>,
-    /// The touch that the log is in, and how many of its samples were read.
+    /// Name of the touch that is being read, and how many of its samples were read.
     read: (String, u64),
-    /// Parts touches at pauses, if that was asked for, and what it has made of them.
+    /// Splits touches at pauses, if that was asked for.
     pauses: Option<Pauses>,
+    /// Events to be handed on.
     next: VecDeque<TouchEvent>,
+    /// Name of the touch that was handed on last, and how many of its samples were handed on.
     touch: Option<String>,
     sample: u64,
-    /// Torques are motor currents, whatever their columns are called.
+    /// Whether torques are motor currents, whatever the names of their columns.
     currents: bool,
-    /// Makes torques external ones, if the arm was identified.
+    /// Turns torques into external torques, if the arm was identified.
     identified: Option<ExternalReader>,
-    /// The unit that angles were said to be in, and whether what looks wrong is an error.
+    /// Given unit of angles (default: rad), and whether it is an error if a log looks wrong.
     checked: (AngleUnit, bool),
     /// Codes of the findings that were reported already.
     reported: HashSet<&'static str>,
@@ -70,7 +72,7 @@ impl Touches {
     ///
     /// # Errors
     ///
-    /// A log that cannot be opened, or is given twice.
+    /// If a log cannot be opened or is given twice.
     pub fn open(paths: &[PathBuf], options: &LogOptions) -> Result<Self, WorkError> {
         let mut given = HashSet::new();
         let mut is_new =
@@ -88,13 +90,13 @@ impl Touches {
         Ok(Self { logs, checked, ..Self::default() })
     }
 
-    /// Touches that a program holds, after each other, which errors call by this name.
+    /// Touches in memory, read one after another like a log; `name` is the name of the log in errors.
     pub fn held(name: &str, touches: Vec<RecordedTouch>) -> Self {
         let log = Box::new(MemoryLog::new(touches));
         Self { logs: Logs::new(vec![(PathBuf::from(name), log)], None), ..Self::default() }
     }
 
-    /// These touches, then those of others.
+    /// These touches, followed by those of `other`.
     ///
     /// Only logs that were not read from yet may be joined.
     #[must_use]
@@ -103,8 +105,8 @@ impl Touches {
         self
     }
 
-    /// The same touches for an arm: joints in its order, without whole turns that sensors add, and parted where it pauses
-    /// in this box, if the settings say so.
+    /// The touches for an arm: joints in its order, without whole turns that sensors add, and split at pauses if the
+    /// settings say so. `place` is the lattice and contact model for contacts at pauses.
     pub fn for_arm(
         mut self,
         arm: &Arc<Arm>,
@@ -119,7 +121,7 @@ impl Touches {
         Ok(self)
     }
 
-    /// Looks for what is wrong with the touches; `set` is what their torques are said to be.
+    /// A check for what looks wrong with the touches; `set` is the convention of their torques.
     pub fn check(
         &self,
         arm: &Arc<Arm>,
@@ -129,12 +131,13 @@ impl Touches {
         LogCheck::new(arm, place, set, self.checked).after(&self.reported)
     }
 
-    /// Whether any log says that its torques are external ones.
+    /// Whether the torques of any log are external torques, by its type of message.
     pub fn are_external(&self) -> bool {
         self.logs.all().any(|log| is_external(&log))
     }
 
-    /// Whether the torques of any log are motor currents, by the names of their columns or as somebody said.
+    /// Whether the torques of any log are motor currents, by the names of their columns or because
+    /// [`Self::take_for_currents`] was called.
     pub fn are_currents(&self) -> bool {
         self.currents || self.logs.all().any(|log| is_of_currents(&log))
     }
@@ -144,7 +147,7 @@ impl Touches {
         self.currents = true;
     }
 
-    /// Puts joints into a robot's order, if the logs name them, and leaves out others.
+    /// Puts joints into the order of a robot's, if the logs name them, and leaves out others.
     pub fn in_order_of(&mut self, arm: &Arm) {
         self.joints = arm.robot.joint_names().map(str::to_owned).collect();
     }
@@ -154,8 +157,8 @@ impl Touches {
         self.logs.all().next().is_some()
     }
 
-    /// The joints of the touch that was started last, if the log names them; from now on, all
-    /// touches have theirs in this order.
+    /// The joints of the touch that was started last, if the log names them; from now on, all touches are read in this
+    /// order of joints.
     pub fn keep_joints(&mut self) -> Option<Vec<String>> {
         if self.joints.is_empty() {
             self.joints = self.named.clone().unwrap_or_default();
@@ -163,7 +166,7 @@ impl Touches {
         self.named.is_some().then(|| self.joints.clone())
     }
 
-    /// Samples in all logs, if they know.
+    /// Number of samples in all logs, if known.
     pub fn samples(&self) -> Option<u64> {
         self.logs.all().map(|(_, log)| log.describe().samples).sum()
     }
@@ -188,7 +191,7 @@ impl Touches {
                 (Some(event), None) => self.next.push_back(event),
                 (Some(event), Some(pauses)) => {
                     let taken = pauses.take(event, &mut self.next);
-                    // What pauses hold back was read, and not handed on yet.
+                    // `read` has the sample that failed; those handed on are earlier, since pauses hold samples back.
                     taken.map_err(|error| {
                         let (touch, samples) = &self.read;
                         let sample = samples.saturating_sub(1);
@@ -207,7 +210,7 @@ impl Touches {
         Ok(self.next.front())
     }
 
-    /// What the logs say next.
+    /// The next event of the logs, with joints in order and without whole turns.
     fn read_on(&mut self) -> Result<Option<TouchEvent>, WorkError> {
         match self.logs.next() {
             Ok(None) => Ok(None),
@@ -248,7 +251,7 @@ impl Touches {
     ///
     /// # Errors
     ///
-    /// If a log is broken, or is not of this arm.
+    /// If a log is broken or does not fit this arm.
     pub fn read_for(
         self,
         arm: &Arc<Arm>,
@@ -262,11 +265,11 @@ impl Touches {
         Ok(recorded)
     }
 
-    /// As [`Self::read_for`], of all touches or the first `most`, and warns of what looks wrong with them.
+    /// As [`Self::read_for`], for all touches or the first `most`, and warns of what looks wrong with them.
     ///
     /// # Errors
     ///
-    /// As there, or if what looks wrong is to be an error.
+    /// As there, or if something looks wrong and the settings are `strict`.
     pub fn read_to_learn(
         self,
         arm: &Arc<Arm>,
@@ -283,14 +286,14 @@ impl Touches {
         Ok(recorded)
     }
 
-    /// Reads all touches, or the first so many.
+    /// Reads all touches, or the first `most`.
     pub fn read(&mut self, most: Option<u32>) -> Result<Vec<RecordedTouch>, WorkError> {
         let mut touches = Vec::new();
         self.read_into(&mut touches, most)?;
         Ok(touches)
     }
 
-    /// Reads all touches, or the first so many; what was read before an error stays in `touches`.
+    /// Reads all touches, or the first `most`; what was read before an error stays in `touches`.
     pub fn read_into(
         &mut self,
         touches: &mut Vec<RecordedTouch>,
@@ -337,7 +340,7 @@ impl Touches {
         self.logs.path(self.current)
     }
 
-    /// Where the reading stands.
+    /// The touch and sample that were handed on last, in words.
     pub fn place(&self) -> String {
         match (&self.touch, self.sample) {
             (None, _) => "before the first touch".to_owned(),
@@ -346,12 +349,12 @@ impl Touches {
         }
     }
 
-    /// An error of what was read last.
+    /// An error at the sample that was handed on last.
     pub fn fault(&self, source: impl Into<MapperError>) -> WorkError {
         WorkError::touch(self.log(), self.place(), source)
     }
 
-    /// What the first of the logs says of itself; there is at least one.
+    /// Description of the first log; there must be at least one.
     pub fn describe(&self) -> LogDescription {
         self.logs.all().next().expect("there is at least one").1.describe()
     }
@@ -377,13 +380,13 @@ impl Touches {
     }
 }
 
-/// Bytes of a sample in memory: its vectors are allocations of their own.
+/// Size of a sample in memory, with the allocations of its vectors, bytes.
 fn bytes_of(sample: &Sample) -> usize {
     let std = sample.tau_std.as_ref().map_or(0, |std| std.len() + 2);
     size_of::<Sample>() + 8 * (sample.q.len() + sample.tau.len() + std) + 32
 }
 
-/// What is said of motor currents, and what to do.
+/// Message and remedy for logs of motor currents.
 pub(crate) const CURRENTS: [&str; 2] = [
     "the columns are motor currents by their names, and only a gain for each joint makes torques of them",
     "`palpate identify` finds the gains from free motion, and --arm takes what it writes; if the columns are torques, \
@@ -395,7 +398,7 @@ fn is_of_currents((_, log): &&(PathBuf, Box<dyn Log>)) -> bool {
     log.describe().torques == LoggedTorques::Currents
 }
 
-/// Whether a log says that its torques are external ones.
+/// Whether the torques of a log are external torques, by its type of message.
 fn is_external((_, log): &&(PathBuf, Box<dyn Log>)) -> bool {
     log.describe().torques == LoggedTorques::External
 }

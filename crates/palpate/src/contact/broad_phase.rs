@@ -1,10 +1,9 @@
 //! Which free points a link may have reached: the broad phase of the step-by-step scheduler.
 //!
-//! φ is a distance: at the middle of a block of cells it bounds φ everywhere in the block, and a
-//! block that is far from the link stays free until the link has travelled as far. So every block
-//! waits for the travel at which the link may reach it. A motion checks only the blocks that the
-//! link may have reached by now; a block that may hold covered points is split, and whatever is still free waits again.
-//! What a motion costs follows the link's surface and how far it went.
+//! φ at the centre of a block of cells gives a lower bound of φ in the whole block, so a block stays free until the
+//! link has travelled that far. Each block waits with the travel at which the link may reach it. A motion checks only
+//! the blocks that are due by now: a block that may hold covered points is split, and parts that are still free wait
+//! again. The cost of a motion depends on the area of the link and on how far it moves.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -21,11 +20,11 @@ pub(super) struct Entered {
     pub(super) distance_m: f64,
 }
 
-/// How much more than a distance the baked φ may change between two points, as a factor:
-/// trilinear interpolation of a distance is not quite 1-Lipschitz.
+/// Largest change of the baked φ between two points, over their distance: with trilinear interpolation, a distance is
+/// not exactly 1-Lipschitz.
 pub(super) const LIPSCHITZ: f64 = 1.1;
 
-/// One link among the points of the lattice.
+/// One link, and the points of the lattice that it may enter.
 pub(super) struct Query<'a> {
     pub(super) lattice: &'a Lattice,
     /// Places that cannot be entered.
@@ -36,16 +35,15 @@ pub(super) struct Query<'a> {
     pub(super) placed: Placed,
 }
 
-/// How far a link may travel before all blocks near it are collected anew.
+/// Travel of a link after which all blocks near it are collected anew, m.
 const HORIZON_M: f64 = 0.02;
 
-/// The farthest from a link's box that a point may be to be in its broad phase, for contact distance
-/// δ.
+/// Largest distance from a link's box at which points are in its broad phase, for contact distance δ, m.
 fn within_m(contact_distance_m: f64) -> f64 {
     contact_distance_m + LIPSCHITZ * HORIZON_M
 }
 
-/// The range of travel that one page of waiting blocks covers.
+/// Range of travel of one page of waiting blocks, m.
 const PAGE_M: f64 = 0.001;
 
 /// A cube of cells, at its first place, of 8, 4, 2 or 1 cells a side.
@@ -55,26 +53,25 @@ struct Block {
     edge: u32,
 }
 
-/// The travel at which a block must be looked at again.
+/// A block and the travel at which it must be checked again.
 #[derive(Debug, Clone, Copy)]
 struct Due {
     travel_m: f64,
     block: Block,
 }
 
-/// Blocks whose distances are looked up together.
+/// Number of blocks whose distances are looked up together.
 const BATCH: usize = 8;
 
 /// The blocks of free points about one link, each with the travel at which the link may reach it.
 #[derive(Debug, Clone, Default)]
 pub(super) struct BroadPhase {
-    /// How far, at most, any point within reach has moved in the link's frame since the blocks were
-    /// collected.
+    /// Upper bound of the motion, in the link's frame, of points within reach since the blocks were collected, m.
     travel_m: f64,
     /// Waiting blocks by the travel at which they are due, a page each [`PAGE_M`]; none before they
     /// are collected.
     pages: Vec<Vec<Due>>,
-    /// The first page that may hold anything.
+    /// The first page that may hold a block.
     current: usize,
     /// Reused memory for the blocks of a query and their parts.
     room: [Vec<Block>; 2],
@@ -86,8 +83,7 @@ impl BroadPhase {
         self.pages.clear();
     }
 
-    /// Adds a motion of the link to its travel, which counts for points within [`within_m`] of its
-    /// box.
+    /// Adds a motion of the link to its travel, which is valid for points within [`within_m`] of its box.
     pub(super) fn travel(
         &mut self,
         surface: &DistanceGrid,
@@ -98,7 +94,7 @@ impl BroadPhase {
         self.travel_m += travel_in_link_m(surface, within_m(contact_distance_m), from, to);
     }
 
-    /// Adds the free points that the link has come to cover to `found`.
+    /// Adds to `found` the free points that the link now covers.
     pub(super) fn find(&mut self, query: &Query<'_>, found: &mut Vec<Entered>) {
         if self.pages.is_empty() || self.travel_m >= HORIZON_M {
             return self.collect(query, found);
@@ -115,15 +111,15 @@ impl BroadPhase {
         self.visit(query, due, found);
     }
 
-    /// Lets a place that has become free wait, or adds it to `found`.
+    /// Checks a place that has become free: it is added to `found` or waits.
     pub(super) fn find_at(&mut self, query: &Query<'_>, place: [u32; 3], found: &mut Vec<Entered>) {
         let mut due = std::mem::take(&mut self.room[0]);
         due.push(Block { low: place, edge: 1 });
         self.visit(query, due, found);
     }
 
-    /// Collects the blocks anew, from every brick that the link can reach within the horizon, and
-    /// adds the free points that it covers to `found`.
+    /// Collects the blocks anew, from every brick that the link can reach within the horizon, and adds to `found` the
+    /// free points that it covers.
     fn collect(&mut self, query: &Query<'_>, found: &mut Vec<Entered>) {
         self.pages.resize((HORIZON_M / PAGE_M) as usize + 1, Vec::new());
         self.pages.iter_mut().for_each(Vec::clear);
@@ -133,9 +129,9 @@ impl BroadPhase {
         self.visit(query, due, found);
     }
 
-    /// Looks at blocks: one has no free point, waits on, is split, or is a covered point.
+    /// Checks blocks. Each is dropped without a free point, waits again, is split, or is a covered point.
     ///
-    /// Distances are looked up a batch at a time, so that the processor waits for them together.
+    /// Distances are looked up in batches, so that their memory accesses overlap.
     fn visit(&mut self, query: &Query<'_>, mut blocks: Vec<Block>, found: &mut Vec<Entered>) {
         let mut parts = std::mem::take(&mut self.room[1]);
         while !blocks.is_empty() {
@@ -154,7 +150,7 @@ impl BroadPhase {
         self.room = [blocks, parts];
     }
 
-    /// Decides on a block from φ at its middle; adds the parts of one that must be split to `parts`.
+    /// Handles a block, given φ at its centre; if it must be split, adds its parts to `parts`.
     fn sort(
         &mut self,
         query: &Query<'_>,
@@ -185,7 +181,7 @@ impl BroadPhase {
         }
     }
 
-    /// Lets a block wait that the link cannot reach before it has travelled `free_m`.
+    /// Stores a block that the link cannot reach before it has travelled `free_m`.
     fn wait(&mut self, block: Block, free_m: f64) {
         let travel_m = self.travel_m + free_m;
         if let Some(page) = self.pages.get_mut((travel_m / PAGE_M) as usize) {
@@ -195,10 +191,10 @@ impl BroadPhase {
 }
 
 impl Block {
-    /// φ at the middle of a block, or a lower bound of it for a block beyond the horizon.
+    /// φ at the centre of a block, or a lower bound of it for a block beyond the horizon.
     ///
-    /// Most newly collected blocks are, and the box of the surface shows it for most of them without
-    /// a look-up of φ, which would miss the cache.
+    /// Most newly collected blocks are beyond the horizon. For most of these the distance from the link's box is
+    /// enough, without a look-up of φ, which would miss the cache.
     fn distance_m(self, query: &Query<'_>) -> f64 {
         let half_m = f64::from(self.edge - 1) / 2.0 * query.lattice.spacing_m();
         let middle = query.lattice.point_at(self.low) + Vector3::repeat(half_m);
@@ -208,14 +204,14 @@ impl Block {
         if box_m > beyond_m { box_m } else { query.surface.distance(&middle_link) }
     }
 
-    /// The farthest that a point of a block is from its middle.
+    /// Largest distance of a point of a block from its centre, m.
     fn radius_m(self, query: &Query<'_>) -> f64 {
         f64::from(self.edge - 1) / 2.0 * query.lattice.spacing_m() * 3f64.sqrt()
     }
 }
 
 impl Query<'_> {
-    /// The bricks, by their first places, that the link can reach within the horizon.
+    /// First places of the bricks that the link can reach within the horizon.
     fn bricks_near(&self) -> impl Iterator<Item = [u32; 3]> + use<> {
         let (low, high) = self.placed.bounds(self.surface);
         let reach = Vector3::repeat(within_m(self.rules.contact_distance_m));
@@ -223,7 +219,7 @@ impl Query<'_> {
     }
 }
 
-/// The bricks of a box, by their first places.
+/// First places of the bricks with points in a box.
 pub(super) fn bricks_within(
     lattice: &Lattice,
     low: &Point3<f64>,

@@ -9,18 +9,17 @@
 //! |       | [`ContactConfig::coulomb_friction`] | friction force over normal force | –    |
 //! | λ     | [`ContactConfig::slip_step_m`]      | longest slip of one iteration    | m    |
 //!
-//! Contacts follow from the arm's motion alone: no torque and no stiffness comes in here, so a
-//! motion has the same contacts whether it is learnt from or predicted. Every link is its signed
-//! distance φ, inflated by δ.
+//! Contacts depend on the arm's motion alone, neither on torque nor on stiffness, so a motion has the same contacts in
+//! learning and in prediction. Every link is represented by its signed distance φ, inflated by δ.
 //!
-//! | file                | says                                                                  |
+//! | file                | contents                                                              |
 //! |---------------------|-----------------------------------------------------------------------|
 //! | `rules`             | enter, deepest link, known empty, stick, slip, rub, release           |
-//! | `simulator`         | scheduler of all points, for motions that come one by one             |
-//! | `broad_phase`       | which of them a link may have reached                                 |
-//! | `path_simulator`    | scheduler of chosen points along a known trajectory                   |
-//! | `posed_trajectory`  | when a link will be near a point of it                                |
-//! | `placed`            | where a link is, and how far it moves                                 |
+//! | `simulator`         | scheduler of all points, for one motion after the other               |
+//! | `broad_phase`       | which free points a link may have reached                             |
+//! | `path_simulator`    | scheduler of selected points along a known trajectory                 |
+//! | `posed_trajectory`  | poses of a known trajectory, and when a link is near a point          |
+//! | `placed`            | pose of a link, and how far it moves                                  |
 
 mod broad_phase;
 mod path_simulator;
@@ -43,26 +42,26 @@ use crate::setting::SettingError;
 
 /// Settings of the contact model: how the arm's links meet the points of the field.
 ///
-/// δ and λ are lengths of the world, not of the lattice: a δ of 2 to 3 cm did best at every
-/// resolution tried, from 0.9 to 2 cm, on simulated plants.
+/// δ and λ are physical lengths, independent of the lattice: a δ of 2 to 3 cm gave the smallest errors at every spacing
+/// tried, from 0.9 to 2 cm, on simulated plants.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[non_exhaustive]
 pub struct ContactConfig {
-    /// δ: how far from its surface a link takes hold of a point.
+    /// δ: distance from the surface of a link at which a point enters contact.
     pub contact_distance_m: f64,
     /// μ: tangential over normal displacement at which a point begins to slip.
     pub friction: f64,
-    /// Coefficient of Coulomb friction between link and object: tangential over normal force, against the link's motion
-    /// across the normal. With 0, the tangential force is that of the point's spring.
+    /// Coefficient of Coulomb friction between link and object: tangential over normal force, against the tangential
+    /// motion of the link. With 0, the tangential force is that of the point's spring.
     pub coulomb_friction: f64,
-    /// λ: the farthest that a point slips in one iteration.
+    /// λ: largest slip of a point in one iteration.
     pub slip_step_m: f64,
-    /// Slip iterations of one sub-step; with 0 points never slip, they stick until they are released.
+    /// Slip iterations of one sub-step. With 0, points never slip: they stick until they are released.
     pub slip_iterations: u32,
-    /// The farthest that a point of a link travels in one sub-step, in cells.
+    /// Largest motion of a point of a link in one sub-step, in cells.
     pub substep_cells: f64,
-    /// Whether points closer than δ to a link at the start of a touch are empty space throughout it.
+    /// Whether points closer than δ to a link at the start of a touch count as empty space for the whole touch.
     pub known_empty: bool,
 }
 
@@ -80,7 +79,7 @@ impl Default for ContactConfig {
     }
 }
 
-/// Distances are baked as far as this from the links.
+/// Range of δ: distances are baked up to 0.04 m from the links.
 const BAKED: &str = "from 1e-6 to 0.04 m, as far as distances are baked";
 
 impl ContactConfig {
@@ -119,19 +118,19 @@ pub struct LinkContacts {
     /// The points' cells, in the order in which they were touched.
     pub cells: Vec<CellId>,
     /// Their displacements in the same order: anchor − rest point, world frame, m. With
-    /// [`ContactConfig::coulomb_friction`], its part along the normal, and friction divided by the stiffness.
+    /// [`ContactConfig::coulomb_friction`], its normal part plus the friction force divided by the stiffness.
     pub displacements_m: Vec<[f32; 3]>,
 }
 
-/// W_c and its displacements: what the arm touches now, link by link.
+/// W_c and its displacements: the present contacts, link by link.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Contacts {
-    /// Links that touch anything, in the order of their numbers.
+    /// Links with contacts, in the order of their numbers.
     pub links: Vec<LinkContacts>,
 }
 
 impl Contacts {
-    /// Points touched, over all links.
+    /// Number of touched points, over all links.
     pub fn len(&self) -> usize {
         self.links.iter().map(|link| link.cells.len()).sum()
     }
@@ -142,7 +141,7 @@ impl Contacts {
     }
 }
 
-/// How many sub-steps no longer than `substep_m` a motion of `travel_m` needs, at least 1.
+/// Number of sub-steps of at most `substep_m` into which a motion of `travel_m` is cut; at least 1.
 pub(crate) fn substeps(travel_m: f64, substep_m: f64) -> u32 {
     ((travel_m / substep_m).ceil() as u32).max(1)
 }

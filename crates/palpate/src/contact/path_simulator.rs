@@ -1,14 +1,13 @@
-//! The scheduler for a known trajectory: chosen points, followed alone from waypoint to waypoint.
+//! The scheduler for a known trajectory: selected points, each followed independently of the others.
 //!
-//! For every point and every link that comes near it, the next waypoint where it will be near is
-//! known. So φ is looked up only for points that are near a link; the rules then apply as in
-//! [`super::simulator`], in the same order. Each point gets the same contacts as in the step-by-step
-//! scheduler, to the bit; a test checks this.
+//! For every pair of a point and a link, the next waypoint where the link is near the point is known, and φ is looked
+//! up only there. The rules are then applied as in [`super::simulator`], in the same order. Each point gets the same
+//! contacts as in the step-by-step scheduler, to the bit; a test checks this.
 //!
-//! Where every point of the lattice matters and every sample is a stop, as in `evaluate`, `tune` and
-//! `predict`, the step-by-step scheduler is the faster one: following all points of `plant_a` alone took
-//! 1.6 to 2.4 times as long (simulated touches, lattices of 1 and 2 cm). So this one serves planned paths,
-//! where a few points stand for many, stops are far apart, and threads share the points.
+//! If every point of the lattice is needed and every sample is a stop, as in `evaluate`, `tune` and `predict`, the
+//! step-by-step scheduler is faster: following all points of `plant_a` with this one took 1.6 to 2.4 times as long
+//! (simulated touches, lattices of 1 and 2 cm). This scheduler is for planned paths, where a few points represent many,
+//! stops are far apart, and threads share the points.
 
 use nalgebra::{Point3, Vector3};
 
@@ -33,12 +32,12 @@ pub(crate) struct Displaced {
 pub(crate) struct PathContactSimulator<'a> {
     trajectory: &'a PosedTrajectory,
     points: Vec<Point>,
-    /// Those of one point follow each other.
+    /// Pairs of the same point are adjacent.
     pairs: Vec<Pair>,
     /// The waypoint where the link of a pair may next cover its point, by pair; [`NEVER`] if it does
     /// not, or if the point is held.
     next: Vec<u32>,
-    /// By link of the trajectory.
+    /// Held points, by link of the trajectory.
     held: Vec<HeldByLink>,
     /// Pairs by the waypoint where they are due; some may have been deferred since.
     due: Vec<Vec<usize>>,
@@ -52,7 +51,7 @@ const NEVER: u32 = u32::MAX;
 struct Point {
     cell: CellId,
     rest: Point3<f64>,
-    /// Its first pair.
+    /// Index of its first pair.
     pairs: usize,
 }
 
@@ -60,13 +59,13 @@ struct Point {
 #[derive(Debug)]
 struct Pair {
     point: usize,
-    /// Among the links of the trajectory.
+    /// Index among the links of the trajectory.
     link: usize,
     /// The first waypoint where the link may be near.
     from: usize,
 }
 
-/// What a link holds.
+/// Points held by a link.
 #[derive(Debug, Default)]
 struct HeldByLink {
     points: Vec<HeldPoint>,
@@ -90,8 +89,8 @@ impl<'a> PathContactSimulator<'a> {
         Self { trajectory, points, pairs, next, held, due }
     }
 
-    /// Adds a point that rests at a place of a brick, shifted by `offset_m`. A cell that is held at the
-    /// first waypoint is followed from its own rest point.
+    /// Adds a point that rests at a place of a brick, shifted by `offset_m`. A cell that is held at the first waypoint
+    /// keeps its own rest point, without the shift.
     pub(crate) fn add(&mut self, brick: &NearBrick, place: [u32; 3], offset_m: &Vector3<f64>) {
         let lattice = &self.trajectory.lattice;
         let (cell, mut rest) = (lattice.cell(place), lattice.point_at(place) + offset_m);
@@ -118,15 +117,15 @@ impl<'a> PathContactSimulator<'a> {
         }
     }
 
-    /// Where a point rests, world frame, m.
+    /// Rest point of a point, world frame, m.
     pub(crate) fn rest(&self, index: usize) -> &Point3<f64> {
         &self.points[index].rest
     }
 
     /// Follows all points along the whole trajectory.
     ///
-    /// `stop_at` has the number of a stop for every waypoint that is one: `at_stop` is called there for
-    /// every point that is displaced.
+    /// `stop_at` has, by waypoint, the number of the stop there, if there is one: `at_stop` is then called for every
+    /// displaced point.
     pub(crate) fn follow(
         mut self,
         stop_at: &[Option<usize>],
@@ -174,7 +173,7 @@ impl<'a> PathContactSimulator<'a> {
                 }
             }
         }
-        // Any link may cover them at once.
+        // A link may cover them again at the same waypoint.
         for point in released.drain(..) {
             self.wait(point, at);
         }
@@ -185,7 +184,7 @@ impl<'a> PathContactSimulator<'a> {
         let mut due = std::mem::take(&mut self.due[at]);
         due.retain(|&pair| self.next[pair] == at as u32);
         due.sort_unstable();
-        due.dedup(); // a pair may be deferred, and then again to where it was
+        due.dedup(); // a pair may be deferred to the same waypoint twice
         for pair in due {
             let Pair { point, link: number, .. } = self.pairs[pair];
             let (rest, link) = (self.points[point].rest, &self.trajectory.links[number]);
@@ -199,7 +198,7 @@ impl<'a> PathContactSimulator<'a> {
                 self.defer(pair, after.and_then(|at| link.near(&rest, at)));
             }
         }
-        // Pairs of a point follow each other, links in their order.
+        // Pairs of a point are adjacent, with their links in ascending order.
         covered.dedup_by(|later, kept| {
             let depth = |covered: &Covered| (covered.distance_m, covered.link);
             if later.point == kept.point && deepest_first(depth(later), depth(kept)).is_lt() {
@@ -209,7 +208,7 @@ impl<'a> PathContactSimulator<'a> {
         });
     }
 
-    /// Lets a free point wait for its links, from a waypoint on.
+    /// Defers all pairs of a free point to the next waypoints, from `at` on, where their links are near.
     fn wait(&mut self, point: usize, at: usize) {
         for pair in self.pairs_of(point) {
             let Pair { link, from, .. } = self.pairs[pair];
@@ -218,7 +217,7 @@ impl<'a> PathContactSimulator<'a> {
         }
     }
 
-    /// Defers a pair to a waypoint, or for good.
+    /// Defers a pair to a waypoint, or for ever.
     fn defer(&mut self, pair: usize, to: Option<usize>) {
         self.next[pair] = to.map_or(NEVER, |at| at as u32);
         if let Some(at) = to {
@@ -304,7 +303,7 @@ mod tests {
         all
     }
 
-    /// What every third cell meets, followed alone, at every waypoint.
+    /// Contacts of every third cell at every waypoint, by the path simulator.
     fn followed(trajectory: &PosedTrajectory, waypoints: usize) -> Vec<Met> {
         let (lattice, mut path_simulator, mut cells) =
             (lattice(), PathContactSimulator::new(trajectory), Vec::new());
@@ -333,7 +332,7 @@ mod tests {
         met
     }
 
-    /// What the simulator says that these cells meet where it is.
+    /// Contacts of the same cells in the step-by-step simulator.
     fn met_in(simulator: &ContactSimulator) -> Met {
         let links = simulator.contacts().links.into_iter();
         let of_link = links.flat_map(|link| {

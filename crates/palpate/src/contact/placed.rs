@@ -1,14 +1,14 @@
-//! Where a link is, how far points are from its box there, and how far it goes.
+//! Pose of a link, distance of points from its box, and how far it moves.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Vector3};
 
 use crate::sdf::DistanceGrid;
 
-/// Where a link is, ready to turn points.
+/// Pose of a link, prepared to transform points fast.
 #[derive(Debug, Clone)]
 pub(super) struct Placed {
     pub(super) world_from_link: Isometry3<f64>,
-    /// The rotation as a matrix, which turns points faster.
+    /// The rotation as a matrix, which rotates points faster.
     pub(super) rotation: Rotation3<f64>,
 }
 
@@ -18,14 +18,14 @@ impl Placed {
         Self { world_from_link: *world_from_link, rotation }
     }
 
-    /// A point in the link's frame.
+    /// Transforms a point from the world frame to the link's frame.
     #[inline]
     pub(super) fn in_link(&self, point: &Point3<f64>) -> Point3<f64> {
         let from_origin = point.coords - self.world_from_link.translation.vector;
         Point3::from(self.rotation.matrix().tr_mul(&from_origin))
     }
 
-    /// The box of a link's surface, in the world: lowest and highest corner.
+    /// World-aligned box around the box of a link's surface: lowest and highest corner.
     pub(super) fn bounds(&self, surface: &DistanceGrid) -> (Point3<f64>, Point3<f64>) {
         let mut low = Point3::from(Vector3::repeat(f64::INFINITY));
         let mut high = Point3::from(Vector3::repeat(f64::NEG_INFINITY));
@@ -46,7 +46,7 @@ pub(super) fn box_distance_m(surface: &DistanceGrid, point_link: &Point3<f64>) -
     outside.norm()
 }
 
-/// The box of a link's surface, as eight points of its frame.
+/// The eight corners of the box of a link's surface, in its frame.
 fn corners(surface: &DistanceGrid) -> [Point3<f64>; 8] {
     let (low, high) = surface.bounds();
     std::array::from_fn(|corner| {
@@ -55,8 +55,8 @@ fn corners(surface: &DistanceGrid) -> [Point3<f64>; 8] {
     })
 }
 
-/// How far the arm goes from one place to another, m: the farthest that a corner of any link's
-/// bounding box does, along the chord.
+/// How far the arm moves between two sets of link poses, m: the largest straight-line displacement of a corner of any
+/// link's bounding box.
 pub(crate) fn travel_m(
     surfaces: &[Option<DistanceGrid>],
     from: &[Isometry3<f64>],
@@ -71,8 +71,8 @@ pub(crate) fn travel_m(
     travel_m2.sqrt()
 }
 
-/// The square of how far the fastest corner of a link's box goes, m²: a corner c goes from
-/// `R c + t` to `R' c + t'`, and so by `(R' − R) c + t' − t`.
+/// Squared displacement of the corner of a link's box that moves farthest, m². A corner c moves from
+/// `R c + t` to `R' c + t'`; its displacement is `(R' − R) c + t' − t`.
 fn corner_travel_m2(surface: &DistanceGrid, from: &Isometry3<f64>, to: &Isometry3<f64>) -> f64 {
     let matrix = |pose: &Isometry3<f64>| *pose.rotation.to_rotation_matrix().matrix();
     let turn: Matrix3<f64> = matrix(to) - matrix(from);
@@ -81,12 +81,13 @@ fn corner_travel_m2(surface: &DistanceGrid, from: &Isometry3<f64>, to: &Isometry
     corners.map(|corner| (turn * corner.coords + shift).norm_squared()).fold(0.0, f64::max)
 }
 
-/// How far, at most, a point within `within_m` of a link's box moves in the link's frame while the
-/// link moves, m.
+/// Upper bound of the motion, in the link's frame, of a point within `within_m` of a link's box while the link moves,
+/// m.
 ///
-/// There a point x moves to `x' = M x` with `M = to⁻¹ from`; within a ball about the middle c of the
-/// box no point moves further than `|M c − c| + 2 sin(θ/2) ρ`. Points within so much of the box are
-/// in such a ball: one from outside comes nearer by at most `|M c − c|` a motion.
+/// In this frame a point x moves to `x' = M x` with `M = to⁻¹ from`. No point within a ball of radius ρ about the
+/// centre c of the box moves farther than `|M c − c| + 2 sin(θ/2) ρ`. Points within `within_m` of the box are in the
+/// ball whose radius is half the box's diagonal plus `within_m`; a point outside the ball comes closer by at most `|M c
+/// − c|` in a motion.
 pub(super) fn travel_in_link_m(
     surface: &DistanceGrid,
     within_m: f64,

@@ -1,8 +1,8 @@
-//! A known trajectory of the arm, pose by pose, and when a link will be near a point along it.
+//! A known trajectory of the arm: the poses at all waypoints, and when a link is near a point.
 //!
-//! No rule of contact looks at two points at once. So where all motions of the arm are known, chosen
-//! points can be followed alone ([`super::path_simulator`]): a point costs nothing until the waypoint
-//! where a link comes near it, and any number of threads can share the points.
+//! No contact rule depends on two points at once. So along a known trajectory, selected points can be followed
+//! independently ([`super::path_simulator`]): a point takes no computation until the waypoint where a link comes near
+//! it, and any number of threads can share the points.
 
 use std::sync::Arc;
 
@@ -16,11 +16,11 @@ use super::{ContactConfig, ContactState};
 use crate::lattice::{BRICK_EDGE, Bricks, CellId, Lattice};
 use crate::sdf::DistanceGrid;
 
-/// Points that are no further than this beyond the reach of a link's box are bounded by its box, others
-/// by the ball around it.
+/// Points at most this far beyond the reach of a link's box are tested against the box, others against the ball around
+/// it, m.
 const WITHIN_M: f64 = 0.05;
 
-/// More than rounding to `f32` and the interpolation of φ may take from a distance, m.
+/// Upper bound of the errors of a distance by rounding to `f32` and by interpolation of φ, m.
 const MARGIN_M: f64 = 1e-4;
 
 /// The links' poses at every waypoint of a trajectory; waypoints are so close that no point passes
@@ -30,18 +30,18 @@ pub(crate) struct PosedTrajectory {
     pub(super) lattice: Lattice,
     pub(super) rules: ContactRules,
     surfaces: Arc<Vec<Option<DistanceGrid>>>,
-    /// Those that have a surface.
+    /// Links with a surface.
     pub(super) links: Vec<Link>,
     pub(super) n_waypoints: usize,
-    /// What the arm holds at the first waypoint; `None` if a touch begins there.
+    /// Contacts at the first waypoint; `None` if a touch begins there.
     pub(super) start: Option<Start>,
 }
 
-/// What the arm holds where the trajectory begins.
+/// Contacts at the start of the trajectory.
 #[derive(Debug)]
 pub(super) struct Start {
     pub(super) state: Arc<ContactState>,
-    /// The link that holds a cell, and the point's index among those it holds.
+    /// For each held cell the link that holds it, and the index of the point among those of the link.
     held: FxHashMap<CellId, (usize, usize)>,
 }
 
@@ -50,51 +50,51 @@ pub(super) struct Start {
 pub(super) struct Link {
     /// Its number in the robot.
     pub(super) index: usize,
-    /// By waypoint.
+    /// Its poses, by waypoint.
     pub(super) placed: Vec<Placed>,
-    /// The farthest that a point near the link has moved in the link's frame since the first waypoint,
-    /// by waypoint, m.
+    /// Upper bound of the motion, in the link's frame, of points near the link since the first waypoint, by waypoint,
+    /// m.
     travel_m: Vec<f64>,
     /// An index into `travel_m`: see [`marks`].
     marks: Vec<u32>,
     mark_m: f64,
-    /// The link's box at all waypoints; the last block is filled up with boxes far from everything.
+    /// The link's box at all waypoints; the last block is padded with boxes far from all points.
     blocks: Vec<Block>,
     /// Origin of the coordinates in `blocks`: the middle of the lattice, which keeps rounding small.
     origin: Point3<f64>,
-    /// δ plus the margin of a test by the box alone, m.
+    /// δ plus [`MARGIN_M`], m.
     reach_m: f64,
-    /// The box, in the link's frame.
+    /// Centre and half size of the box, in the link's frame, m.
     middle: Point3<f64>,
     half_m: Vector3<f64>,
 }
 
-/// Waypoints that are tested together.
+/// Number of waypoints that are tested together.
 const LANES: usize = 4;
 
-/// A link's box at some waypoints: for each of its axes the direction x, y, z in the world and minus
-/// the middle of the box along it, counted from [`Link::origin`], m.
+/// A link's box at [`LANES`] waypoints. For each axis of the box: its direction x, y, z in the world, and minus the
+/// position of the centre along it, relative to [`Link::origin`], m.
 type Block = [[[f32; LANES]; 4]; 3];
 
-/// A brick, and the links that may come to cover points of it.
+/// A brick, and the links that may cover points of it.
 #[derive(Debug)]
 pub(crate) struct NearBrick {
     /// The brick's first place.
     pub(crate) low: [u32; 3],
-    /// Indices of these links in the trajectory, each with the first waypoint where it may.
+    /// Indices of these links in the trajectory, each with the first waypoint where it may cover one.
     pub(super) links: Vec<(usize, usize)>,
 }
 
 impl PosedTrajectory {
     /// A trajectory through waypoints with these poses, by waypoint and by link.
     ///
-    /// With a contact state the trajectory continues from it, and its first waypoint must be where the
-    /// state was taken; without one a touch begins there, as in [`super::ContactSimulator`]. With
-    /// `coarse`, points slip with looser tolerances, for points that each stand for a cluster.
+    /// With a contact state the trajectory continues from it, and its first waypoint must be where the state was taken;
+    /// without one a touch begins there, as in [`super::ContactSimulator`]. With `coarse`, points slip with looser
+    /// tolerances, for points that each represent a cluster.
     ///
     /// # Panics
     ///
-    /// If there are fewer poses than surfaces somewhere, which is a bug in the caller.
+    /// If a waypoint has fewer poses than there are surfaces, which is a bug in the caller.
     pub(crate) fn new(
         lattice: Lattice,
         surfaces: Arc<Vec<Option<DistanceGrid>>>,
@@ -144,8 +144,8 @@ impl PosedTrajectory {
 
     /// The first waypoint where a link may cover any point of a ball, if there is one.
     ///
-    /// Until then the link must travel the distance between the ball and its box. The travel is known
-    /// for points near the box only; for a ball further away, the ball around the box is used.
+    /// Until then the link must travel at least the distance between the ball and its box. The stored travel is valid
+    /// only for points near the box; for a ball farther away, the ball around the box is used.
     fn first_near(&self, link: &Link, middle: &Point3<f64>, radius_m: f64) -> Option<usize> {
         let (mut at, reach_m) = (0, link.reach_m);
         loop {
@@ -164,7 +164,7 @@ impl PosedTrajectory {
         }
     }
 
-    /// The box that holds a link and its reach at all waypoints.
+    /// The axis-aligned box around a link, inflated by δ, at all waypoints.
     fn swept(&self, link: &Link) -> (Point3<f64>, Point3<f64>) {
         let surface = self.surface(link);
         let reach = Vector3::repeat(self.rules.contact_distance_m);
@@ -248,10 +248,10 @@ impl Link {
     }
 }
 
-/// Marks for each waypoint.
+/// Number of marks for each waypoint.
 const MARKS: usize = 4;
 
-/// The first waypoint, from `from` on, where the link has travelled `due_m`, found by its marks.
+/// The first waypoint, from `from` on, where the link has travelled `due_m`, found with the marks.
 fn first_due(
     travel_m: &[f64],
     (marks, mark_m): (&[u32], f64),
@@ -262,14 +262,14 @@ fn first_due(
     if mark >= marks.len() {
         return None;
     }
-    // The quotient may be rounded up to a mark that lies beyond; the one before does not.
+    // Rounding may give a mark beyond `due_m`; the mark before it never is.
     let from = from.max(marks[mark.saturating_sub(1)] as usize);
     let later = travel_m.get(from..)?;
     later.iter().position(|travel_m| *travel_m >= due_m).map(|n| from + n)
 }
 
-/// An index into the travel: the first waypoint where the link has travelled n steps of a fixed length,
-/// for every n, and that length. There are few waypoints between two marks.
+/// An index into the travel: for every n, the first waypoint where the link has travelled n steps of a fixed length;
+/// and that length, m. There are few waypoints between two marks.
 fn marks(travel_m: &[f64]) -> (Vec<u32>, f64) {
     let n = MARKS * travel_m.len();
     let mark_m = (travel_m[travel_m.len() - 1] / n as f64).max(f64::MIN_POSITIVE);
@@ -284,7 +284,7 @@ fn marks(travel_m: &[f64]) -> (Vec<u32>, f64) {
     ((0..=n).map(mark).collect(), mark_m)
 }
 
-/// Farther than any point of any lattice from any link, m; its square is a number.
+/// Larger than any distance between a point of a lattice and a link, m; its square is finite.
 const FAR_M: f32 = 1e15;
 
 impl Start {
@@ -297,7 +297,7 @@ impl Start {
         Self { state, held }
     }
 
-    /// The link that holds a cell, by its number in the robot, and the point as it is held.
+    /// The link that holds a cell, as its number in the robot, and the held point.
     pub(super) fn held(&self, cell: CellId) -> Option<(usize, HeldPoint)> {
         let &(link, number) = self.held.get(&cell)?;
         Some((link, self.state.held[link][number].clone()))

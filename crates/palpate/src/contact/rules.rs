@@ -1,20 +1,20 @@
-//! The contact model's rules, each over one point and one link's placed surface (Sec. II).
+//! The rules of the contact model, each for one point and one link at its pose (Sec. II).
 //!
 //! | rule        | here                          | when                                              |
 //! |-------------|-------------------------------|---------------------------------------------------|
 //! | enter       | [`ContactRules::enters`]      | a free point has φ < δ                             |
-//! | deepest     | [`deepest_first`]             | several links could hold it: the smallest φ does  |
-//! | known empty | [`ContactRules::known_empty`] | a link covers it where a touch begins             |
+//! | deepest     | [`deepest_first`]             | several links cover it: the smallest φ holds it   |
+//! | known empty | [`ContactRules::known_empty`] | a link covers it at the start of a touch          |
 //! | anchor      | [`HeldPoint::new`]            | it enters: the nearest place with φ = δ           |
 //! | stick       | [`HeldPoint::stick`]          | the link moves: the anchor moves with it          |
 //! | slip        | [`HeldPoint::slip`]           | u leaves the friction cone about the normal       |
 //! | rub         | [`HeldPoint::rub`]            | the link moves across the normal                  |
 //! | release     | [`HeldPoint::pushes`]         | u·n ≤ 0: its spring would have to pull            |
 //!
-//! φ is the signed distance from the link's surface, n = ∇φ its outward normal, and u the
-//! displacement, anchor − rest point. No rule looks at another point, at a torque or at a stiffness.
-//! Two schedulers apply them: [`super::simulator`] to motions that come one by one,
-//! [`super::path_simulator`] along a trajectory that is known from its start to its end.
+//! φ is the signed distance from the link's surface, n = ∇φ its outward normal, and u the displacement, anchor − rest
+//! point. No rule depends on other points, on torques or on stiffness. Two schedulers apply the rules:
+//! [`super::simulator`] to one motion after the other, [`super::path_simulator`] along a trajectory that is known from
+//! its start to its end.
 
 use std::cmp::Ordering;
 
@@ -25,13 +25,13 @@ use super::placed::Placed;
 use crate::lattice::CellId;
 use crate::sdf::DistanceGrid;
 
-/// The contact model's settings, and how closely its conditions are met.
+/// Settings of the contact model, and tolerances of its conditions.
 #[derive(Debug, Clone)]
 pub(super) struct ContactRules {
     /// δ: anchors lie on the surface φ = δ.
     pub(super) contact_distance_m: f64,
-    /// Whether points that the links cover where a touch begins are empty space throughout it: the
-    /// object, at rest, cannot be where the arm stands without touching it.
+    /// Whether points that the links cover at the start of a touch count as empty space for the whole touch: the
+    /// object, at rest, cannot be where the arm is without contact.
     pub(super) known_empty: bool,
     /// λ.
     slip_step_m: f64,
@@ -40,30 +40,30 @@ pub(super) struct ContactRules {
     /// Friction force over normal force.
     coulomb_friction: f64,
     slip_iterations: u32,
-    /// Excess over the friction cone at which a point no longer slips.
+    /// Excess over the friction cone below which a point does not slip.
     cone_tolerance_m: f64,
-    /// Distance from the surface φ = δ at which an anchor lies on it.
+    /// Distance from the surface φ = δ below which an anchor counts as on it.
     surface_tolerance_m: f64,
 }
 
-/// Excess over the friction cone that is not worth another iteration, as a share of δ.
+/// Excess over the friction cone below which a point does not slip, as a share of δ.
 const CONE_TOLERANCE: f64 = 1e-4;
 
-/// Distance from the surface that is not worth another Newton step, m.
+/// Distance from the surface below which no further Newton step is made, m.
 const SURFACE_TOLERANCE_M: f64 = 1e-5;
 
-/// How fast Coulomb friction builds up: as the force on a point that sticks, times this. A branch bends, but hardly
-/// stretches, so friction along it turns round within millimetres. Of 1, 3 and 10, 3 had the smallest errors on three
-/// simulated plants (0.37, 0.36 and 0.38 in the mean).
+/// Slope of Coulomb friction over tangential motion, relative to the stiffness of the point. A branch bends, but hardly
+/// stretches, so friction along it reverses within millimetres. Of 1, 3 and 10, 3 had the smallest errors on three
+/// simulated plants (means 0.37, 0.36 and 0.38).
 const PRESLIDING: f64 = 3.0;
 
-/// Factor on both tolerances where one point stands for a cluster of neighbours.
+/// Factor on both tolerances where one point represents a cluster of neighbours.
 const COARSE: f64 = 100.0;
 
-/// Newton steps after the first, at most, until an anchor lies on the surface.
+/// Largest number of Newton steps after the first, until an anchor lies on the surface.
 const PROJECTIONS: u32 = 3;
 
-/// The order in which links that cover the same point, each as its φ and number, may hold it.
+/// Order of links that cover the same point, each given as its φ and number: the first one holds it.
 pub(super) fn deepest_first(a: (f64, usize), b: (f64, usize)) -> Ordering {
     a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))
 }
@@ -83,7 +83,7 @@ impl ContactRules {
         }
     }
 
-    /// The same rules with looser tolerances, for points that each stand for a cluster.
+    /// The same rules with looser tolerances, for points that each represent a cluster.
     pub(super) fn coarse(config: &ContactConfig) -> Self {
         let exact = Self::new(config);
         Self {
@@ -93,7 +93,7 @@ impl ContactRules {
         }
     }
 
-    /// *Enter*: whether a link takes hold of a free point at distance φ from its surface.
+    /// *Enter*: whether a free point at distance φ from the surface of a link enters contact.
     #[inline]
     pub(super) fn enters(&self, distance_m: f64) -> bool {
         distance_m < self.contact_distance_m
@@ -101,9 +101,9 @@ impl ContactRules {
 
     /// *Stick*, *slip*, *rub* and *release* for all points that one link holds, after it has moved.
     ///
-    /// Points slip in rounds, all together, so that the processor looks up many distances at once
-    /// instead of waiting for each. `slipping` is reused memory for the indices of points that still
-    /// slip. Points that the link lets go of have [`HeldPoint::held`] false afterwards.
+    /// Points slip in rounds, all together, so that the processor looks up many distances at once instead of waiting
+    /// for each. `slipping` is reused memory for the indices of points that still slip. Released points have
+    /// [`HeldPoint::held`] false afterwards.
     pub(super) fn stick_and_slip(
         &self,
         surface: &DistanceGrid,
@@ -152,16 +152,16 @@ pub(super) struct HeldPoint {
     pub(super) displacement_m: [f32; 3],
     rest: Point3<f64>,
     rest_link: Point3<f64>,
-    /// On the surface φ = δ.
+    /// The anchor, on the surface φ = δ.
     anchor_link: Point3<f64>,
-    /// ∇φ there, a unit vector.
+    /// ∇φ at the anchor, a unit vector.
     normal_link: Vector3<f64>,
-    /// Coulomb friction divided by the stiffness, m: across the normal, at most `coulomb_friction` times u·n.
+    /// Coulomb friction divided by the stiffness, m: tangential, at most `coulomb_friction` times u·n.
     friction_link: Vector3<f64>,
 }
 
 impl HeldPoint {
-    /// A point that a link takes hold of: its anchor is the nearest place with φ = δ.
+    /// A point that enters contact: its anchor is the nearest place with φ = δ.
     pub(super) fn new(
         cell: CellId,
         rest: Point3<f64>,
@@ -191,15 +191,14 @@ impl HeldPoint {
         self.rest_link = placed.in_link(&self.rest);
     }
 
-    /// *Release*: a link holds a point only as long as this is true of u·n, the part of u along
-    /// the normal; otherwise the spring would have to pull.
+    /// *Release*: whether the spring of a point pushes, given u·n, the normal part of u. A link releases a point whose
+    /// spring would have to pull.
     fn pushes(along_m: f64) -> bool {
         along_m > 0.0
     }
 
-    /// *Slip*: moves the anchor one step towards the rest point, across the normal, if u violates
-    /// the friction cone; returns whether it did, and notes whether the link still holds the point
-    /// (*release*).
+    /// *Slip*: if u violates the friction cone, moves the anchor one tangential step towards the rest point; returns
+    /// whether it did. Also updates whether the link still holds the point (*release*).
     ///
     /// The step is the excess of the tangential part of u over μ times its normal part, at most λ.
     fn slip(&mut self, rules: &ContactRules) -> bool {
@@ -216,8 +215,8 @@ impl HeldPoint {
         slips
     }
 
-    /// Takes the anchor back to the surface φ = δ by a few Newton steps along ∇φ; where φ is a true
-    /// distance the first one arrives.
+    /// Takes the anchor back to the surface φ = δ by a few Newton steps along ∇φ; where φ is a true distance the first
+    /// step is exact.
     fn project(&mut self, surface: &DistanceGrid, rules: &ContactRules) {
         for _ in 0..=PROJECTIONS {
             let (distance_m, normal) = surface.distance_and_normal(&self.anchor_link);
@@ -237,13 +236,14 @@ impl HeldPoint {
         self.displacement_m = (placed.rotation * displacement).cast::<f32>().into();
     }
 
-    /// Before the link moves: [`HeldPoint::rub`] subtracts where the rest point is then.
+    /// Called before the link moves: adds the rest point, so that [`HeldPoint::rub`] can subtract the one after the
+    /// motion.
     fn remember_rest(&mut self) {
         self.friction_link += self.rest_link.coords * PRESLIDING;
     }
 
-    /// *Rub*: puts Coulomb friction in place of the part of u across the normal. Friction grows with the link's motion
-    /// across the normal, up to `coulomb_friction` times the normal force, so it turns round soon after the link does.
+    /// *Rub*: replaces the tangential part of u by Coulomb friction. Friction grows with the tangential motion of the
+    /// link, up to `coulomb_friction` times the normal force, so it reverses soon after the motion does.
     fn rub(&mut self, placed: &Placed, coulomb_friction: f64) {
         let along_m = (self.anchor_link - self.rest_link).dot(&self.normal_link);
         let mut friction = self.friction_link - self.rest_link.coords * PRESLIDING;

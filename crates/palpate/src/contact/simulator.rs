@@ -1,9 +1,9 @@
-//! The scheduler for motions that come one by one: all points of the lattice, one motion at a time.
+//! The step-by-step scheduler: all points of the lattice, one motion at a time.
 //!
-//! A sub-step of the arm goes through the rules in their order: the points that links hold stick, slip
-//! or are released; then free points that a link now covers enter, each at its deepest link. What a
-//! motion costs follows the contacts and the links' surfaces, not the lattice's size: the broad phase
-//! knows which free points a link may have reached.
+//! A sub-step of the arm applies the rules in their order: the points that links hold stick, slip or are released; then
+//! free points that a link now covers enter, each at its deepest link. The cost of a motion depends on the contacts and
+//! the area of the links, not on the size of the lattice: the broad phase finds the free points that a link may have
+//! reached.
 
 use std::sync::Arc;
 
@@ -18,24 +18,24 @@ use crate::robot::LinkId;
 use crate::sdf::DistanceGrid;
 use crate::setting::SettingError;
 
-/// Follows the arm through the lattice and keeps what it displaces.
+/// Moves the arm through the lattice and keeps its contacts.
 ///
 /// Deterministic: the same poses give the same contacts.
 #[derive(Debug, Clone)]
 pub struct ContactSimulator {
     lattice: Lattice,
     surfaces: Arc<Vec<Option<DistanceGrid>>>,
-    /// The longest sub-step, m.
+    /// Largest motion of a point of the arm in one sub-step, m.
     substep_m: f64,
     rules: ContactRules,
     state: ContactState,
-    /// By link.
+    /// Broad phase of each link.
     broad_phases: Vec<BroadPhase>,
     /// Reused memory for [`ContactRules::stick_and_slip`].
     slipping: Vec<u32>,
 }
 
-/// The arm's links at one moment, and what they hold.
+/// Poses of the links at one moment, and the points that they hold.
 #[derive(Debug, Clone)]
 pub(crate) struct ContactState {
     /// Poses by link; none before the first touch.
@@ -72,12 +72,12 @@ impl ContactSimulator {
 
     /// Forgets all contacts and starts a touch with the arm at these poses.
     ///
-    /// With [`ContactConfig::known_empty`], the points that the links cover here are empty space for
-    /// the whole touch. Without, they are touched at once.
+    /// With [`ContactConfig::known_empty`], the points that the links cover here are empty space for the whole touch.
+    /// Without it, they are touched at once.
     ///
     /// # Panics
     ///
-    /// If there is not one pose a link, which is a bug in the caller.
+    /// If there is not one pose for each link, which is a bug in the caller.
     pub fn begin_touch(&mut self, world_from_link: &[Isometry3<f64>]) {
         assert_eq!(world_from_link.len(), self.surfaces.len(), "one pose per link");
         self.state.taken.clear();
@@ -92,7 +92,7 @@ impl ContactSimulator {
         }
     }
 
-    /// The links and what they hold where the arm is.
+    /// The present poses and contacts.
     pub(crate) fn state(&self) -> &ContactState {
         &self.state
     }
@@ -102,26 +102,26 @@ impl ContactSimulator {
         &self.state.poses
     }
 
-    /// How many sub-steps a short motion needs so that no point of a link goes further than
-    /// [`ContactConfig::substep_cells`] in one; at least 1.
+    /// Number of sub-steps of a short motion, such that no point of a link moves farther than
+    /// [`ContactConfig::substep_cells`] in one of them; at least 1.
     ///
-    /// The motion must be short enough for chord and arc to be alike.
+    /// The motion must be so short that chord and arc are nearly equal.
     pub fn substeps(&self, from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> u32 {
         substeps(travel_m(&self.surfaces, from, to), self.substep_m)
     }
 
-    /// The longest sub-step, m.
+    /// Largest motion of a point of the arm in one sub-step, m.
     pub(crate) fn substep_m(&self) -> f64 {
         self.substep_m
     }
 
-    /// Moves the arm to these poses and returns what it displaces there.
+    /// Moves the arm to these poses and returns the contacts there.
     ///
-    /// The motion is one sub-step: see [`ContactSimulator::substeps`] for how far it may reach.
+    /// The motion is one sub-step: see [`ContactSimulator::substeps`] for its largest length.
     ///
     /// # Panics
     ///
-    /// If no touch was begun, or there is not one pose a link: bugs in the caller.
+    /// If no touch was begun, or there is not one pose for each link: bugs in the caller.
     pub fn advance(&mut self, world_from_link: &[Isometry3<f64>]) -> Contacts {
         let poses = &self.state.poses;
         assert_eq!(world_from_link.len(), poses.len(), "one pose per link, after begin_touch");
@@ -158,7 +158,7 @@ impl ContactSimulator {
         }
     }
 
-    /// Takes the links to their new poses.
+    /// Moves the links to their new poses.
     fn move_links(&mut self, world_from_link: &[Isometry3<f64>]) {
         for (link, broad_phase) in self.broad_phases.iter_mut().enumerate() {
             if let Some(surface) = &self.surfaces[link] {
@@ -209,7 +209,7 @@ impl ContactSimulator {
         }
     }
 
-    /// The contacts as they stand; those of [`ContactSimulator::advance`], without a motion.
+    /// The present contacts, as [`ContactSimulator::advance`] returned them.
     pub fn contacts(&self) -> Contacts {
         let mut contacts = Contacts::default();
         for (link, held) in self.state.held.iter().enumerate() {

@@ -1,28 +1,28 @@
 //! The springs of blocks: a thick elastic layer, cut into columns.
 //!
-//! Each block is held at its place by a spring along z, and by stiffer ones along x and y, where neighbours
-//! are in the way. Blocks side by side are held to each other by shear (Pasternak's foundation).
+//! Each block is held at its place by a spring along z, and by stiffer ones along x and y, where neighbours are in the
+//! way. Neighbouring blocks are connected by shear springs (Pasternak's foundation).
 
 use nalgebra::Vector3;
 
 use super::body::{Segment, SegmentKind};
 
-/// Stiffness of a block along x, y, z, as shares of its own.
+/// Stiffness of a block along x, y, z, relative to its stiffness along z.
 ///
 /// A block that moves sideways presses its two neighbours together. With a displacement that grows linearly
 /// over the height h, that is `2/3 (h/w)²` of the stiffness `E w²/h` along z: 5 for blocks of 4 cm in a layer
 /// of 11 cm, less where they are wider.
 pub const BLOCK_STIFFNESS_SHARES: [f64; 3] = [4.0, 4.0, 1.0];
-/// Stiffness between neighbours along z, as a share of the mean of theirs: `G h / 3` over `E w²/h`, 1 for the
-/// same blocks.
+/// Stiffness of the spring between neighbours along z, relative to the mean stiffness of the two: `G h / 3` over `E
+/// w²/h`, 1 for the same blocks.
 const SHEAR: f64 = 1.0;
-/// Middles of neighbours are no farther apart than this many widths.
+/// Largest distance between the centres of neighbours, in widths.
 const BESIDE: f64 = 1.2;
 
 /// The springs of a body's blocks.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Blocks {
-    /// By segment, N/m along z; 0 if it is no block.
+    /// Stiffness along z by segment, N/m; 0 if it is not a block.
     own: Vec<f64>,
     /// By segment, its neighbours and the springs to them, N/m.
     beside: Vec<Vec<(u32, f64)>>,
@@ -73,7 +73,7 @@ impl Blocks {
         0.5 * (held.sum::<f64>() + sheared.sum::<f64>())
     }
 
-    /// Slope of the energy by the place of a block, N.
+    /// Gradient of the energy with respect to the position of a block, N.
     pub(super) fn slope(&self, block: usize, slid_m: &[Vector3<f64>]) -> Vector3<f64> {
         let slid = slid_m[block];
         let own = self.own[block] * slid.component_mul(&Vector3::from(BLOCK_STIFFNESS_SHARES));
@@ -81,7 +81,7 @@ impl Blocks {
         own + Vector3::z() * self.beside[block].iter().map(apart).sum::<f64>()
     }
 
-    /// Curvature of the energy by the place of a block while its neighbours stay, by axis, N/m.
+    /// Curvature of the energy in the position of a block, with fixed neighbours, by axis, N/m.
     pub(super) fn stiffness(&self, block: usize) -> Vector3<f64> {
         let beside: f64 = self.beside[block].iter().map(|(_, k)| k).sum();
         self.own[block] * Vector3::from(BLOCK_STIFFNESS_SHARES) + beside * Vector3::z()

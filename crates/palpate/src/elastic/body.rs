@@ -9,12 +9,12 @@ use super::blocks::Blocks;
 use super::mobility::mobilities;
 use crate::lattice::FARTHEST_M;
 
-/// Segments of a body at most.
+/// Largest number of segments of a body.
 const MOST_SEGMENTS: usize = 5_000;
-/// Length of all its segments together at most, m.
+/// Largest total length of the segments of a body, m.
 const LONGEST_M: f64 = 200.0;
 
-/// What a segment stands for.
+/// What a segment represents.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum SegmentKind {
@@ -22,12 +22,12 @@ pub enum SegmentKind {
     Wood,
     /// A leaf: a light, flat plate.
     Leaf,
-    /// A piece of a cushion: a column that slides, and does not turn. Start, end and half width are those of
-    /// its top. Blocks of one `branch` are of one material.
+    /// A piece of a cushion: a column that slides, and does not turn. Start, end and half width are those of its top.
+    /// Blocks with the same `branch` are of one material.
     Block,
 }
 
-/// A stiff rod or plate that turns about its start, where a spring holds it.
+/// A rigid rod or plate on a sprung joint at its start.
 ///
 /// Lengths in m, world frame, at rest.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -35,19 +35,19 @@ pub enum SegmentKind {
 pub struct Segment {
     /// The segment that carries it; none if it stands on the ground. Parents come first.
     pub parent: Option<u32>,
-    /// Rod or plate.
+    /// Kind of the segment.
     pub kind: SegmentKind,
-    /// The joint, m.
+    /// Position of the joint, m.
     pub start_m: [f64; 3],
     /// The free end, m.
     pub end_m: [f64; 3],
-    /// This much from the start on there is no surface: the stalk of a leaf, m.
+    /// Length without surface from the start on (the stalk of a leaf), m.
     pub bare_m: f64,
-    /// Of the rod; half the thickness of the plate, m.
+    /// Radius of the rod, or half the thickness of the plate, m.
     pub radius_m: f64,
     /// Half the width of a plate across start and end, m, world frame; zero for a rod.
     pub half_width_m: [f64; 3],
-    /// Spring of the joint at a stiffness factor of one, N·m/rad; of a block, along z, N/m.
+    /// Stiffness of the joint at a stiffness factor of one, N·m/rad; for a block, stiffness along z, N/m.
     #[serde(alias = "stiffness_n_m_per_rad")] // as older files call it
     pub joint_stiffness: f64,
     /// Which stem, branch or twig it is a piece of.
@@ -82,12 +82,12 @@ pub struct ElasticBody {
     blocks: Blocks,
 }
 
-/// What makes a body impossible.
+/// What can be wrong with an elastic body or its model.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum BodyError {
-    /// Nothing to bend.
+    /// A body without segments.
     #[error("the body has no segments")]
     Empty,
     /// A segment before its parent, or one that carries itself.
@@ -98,13 +98,13 @@ pub enum BodyError {
         "segment {segment} hangs from segment {parent}, and one of them is a block; wanted blocks that stand alone"
     )]
     Block { segment: usize, parent: u32 },
-    /// A number that no segment can have.
+    /// A number of a segment out of its range.
     #[error("{thing} of segment {segment} is {found}, wanted {wanted}")]
     Number { segment: usize, thing: &'static str, found: f64, wanted: &'static str },
-    /// More than can be brought to rest in a sample.
+    /// More segments than can be computed in the time of a sample.
     #[error("the body has {found} segments; wanted at most {MOST_SEGMENTS}")]
     Many { found: usize },
-    /// What touches are said to have taught of it.
+    /// A number of the learnt model out of its range.
     #[error("{thing} of the elastic model is {found}, wanted {wanted}")]
     Model { thing: &'static str, found: f64, wanted: &'static str },
 }
@@ -128,7 +128,7 @@ impl ElasticBody {
     ///
     /// # Errors
     ///
-    /// Names the first segment that cannot be.
+    /// Names the first invalid segment.
     pub fn new(segments: Vec<Segment>) -> Result<Self, BodyError> {
         if segments.is_empty() {
             return Err(BodyError::Empty);
@@ -188,13 +188,13 @@ impl ElasticBody {
         &self.segments
     }
 
-    /// By segment, which tree it belongs to: those that stand on the ground are numbered in their order. Blocks of
-    /// one material are one.
+    /// By segment, the number of its tree: trees are numbered in the order of their roots on the ground. All blocks of
+    /// one material count as one tree.
     pub fn trees(&self) -> &[u32] {
         &self.trees
     }
 
-    /// How many trees there are; they do not touch each other.
+    /// Number of trees; trees do not touch each other.
     pub fn n_trees(&self) -> usize {
         self.trees.iter().max().map_or(0, |&last| last as usize + 1)
     }
@@ -214,7 +214,7 @@ impl ElasticBody {
         &self.blocks
     }
 
-    /// By segment, the acceleration of its middle under a unit force, 1/kg.
+    /// By segment, the acceleration of its centre under a unit force, 1/kg.
     pub(super) fn mobilities(&self) -> &[f64] {
         &self.mobilities
     }

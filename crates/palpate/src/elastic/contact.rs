@@ -1,27 +1,27 @@
 //! The arm's links against points of the body: non-penetration and Coulomb friction as energies.
 //!
-//! A point of the body in a link is pushed out by a stiff spring along the link's normal, and held by a
-//! tangential spring at the place of the link that it met, up to the friction cone. Beyond the cone the
-//! tangential force has the size `μ f_n` of the normal force of the iteration before (*lagged*, as in
-//! incremental potential contact), so that both are slopes of one energy.
+//! A point of the body inside a link is pushed out by a stiff spring along the link's normal, and held by a tangential
+//! spring at the place on the link where contact began, up to the friction cone. Beyond the cone the tangential force
+//! is `μ f_n`, with the normal force of the previous iteration (*lagged*, as in incremental potential contact), so that
+//! both forces are gradients of one energy.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use crate::sdf::DistanceGrid;
 
-/// How contacts of an elastic body resist.
+/// Contact model of an elastic body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ElasticContactConfig {
-    /// Sliding friction between arm and body.
+    /// Coefficient of sliding friction between arm and body.
     pub friction: f64,
-    /// Of a contact point, along the normal, N/m at a stiffness factor of one.
+    /// Normal stiffness of a contact point, N/m at a stiffness factor of one.
     pub stiffness_n_per_m: f64,
-    /// Of a contact point across the normal, as a share of the same.
+    /// Tangential stiffness of a contact point, relative to the normal stiffness.
     pub tangential_share: f64,
     /// Creep of held points, s: slip speed = this × tangential force × mobility of the segment (1/kg).
     /// So heavy parts stick and light parts slip; 0 is Coulomb friction.
     pub creep_s: f64,
-    /// Speed of the arm, its fastest point's, where the time of a motion is not known, m/s.
+    /// Speed of the fastest point of the arm in motions without times, m/s.
     pub speed_m_per_s: f64,
 }
 
@@ -37,14 +37,14 @@ impl Default for ElasticContactConfig {
     }
 }
 
-/// Where a point of the body first met a link, and how hard it was pressed when last looked at.
+/// Place on a link where a point of the body first touched it, and its normal force in the previous iteration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Anchor {
     /// Index of the link.
     pub link: usize,
-    /// In the frame of the link, m.
+    /// The place, in the frame of the link, m.
     pub place_link: Point3<f64>,
-    /// Normal force, N, of the iteration before.
+    /// Normal force in the previous iteration, N.
     pub pressed_n: f64,
 }
 
@@ -71,14 +71,14 @@ impl<'a> PlacedLink<'a> {
     }
 }
 
-/// A point of the body in a link.
+/// A point of the body inside a link.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pressed {
-    /// Which of the links at hand it is deepest in.
+    /// The link that it is deepest in, as an index into the given links.
     pub link: usize,
-    /// How deep, m.
+    /// Penetration depth, m.
     pub depth_m: f64,
-    /// Slope of the distance: out of the link, world frame, nearly a unit vector.
+    /// Gradient of the signed distance, pointing out of the link, world frame; nearly a unit vector.
     pub slope: Vector3<f64>,
 }
 
@@ -97,7 +97,7 @@ pub(super) fn deepest(
 ) -> Option<Pressed> {
     let distance = |&at: &u16| (at, links[at as usize].distance(point));
     let (at, distance_m) = near.iter().map(distance).min_by(|a, b| a.1.total_cmp(&b.1))?;
-    // Smoothed, the surface is nearly where it was: less than this apart.
+    // The smoothed surface is less than 2 mm from the trilinear one.
     if distance_m >= radius_m + 0.002 {
         return None;
     }
@@ -111,7 +111,7 @@ pub(super) fn deepest(
     })
 }
 
-/// Energy of a pressed point, J, its slope by the point, N, and a curvature, N/m, that is not negative.
+/// Contact energy of a point, J, its gradient, N, and its curvature, N/m, which is positive semidefinite.
 pub(super) struct Resistance {
     pub energy: f64,
     pub slope: Vector3<f64>,
@@ -119,9 +119,8 @@ pub(super) struct Resistance {
 }
 
 impl ElasticContactConfig {
-    /// What resists at a point in a link that is `offset_m` from its anchor, where the normal force of the
-    /// iteration before was `pressed_n`, N. The tangential spring is `yields` times as soft as it would be
-    /// if nothing crept.
+    /// Contact energy of a point inside a link, `offset_m` from its anchor, with normal force `pressed_n`, N, in the
+    /// previous iteration. The tangential spring is `yields` times softer than without creep.
     pub(super) fn resistance(
         &self,
         pressed: &Pressed,
@@ -150,14 +149,14 @@ impl ElasticContactConfig {
         Resistance { energy, slope, curvature }
     }
 
-    /// By how much creeping in a time softens the tangential spring of a point of this mobility, 1/kg
+    /// Factor by which creep during `time_s` softens the tangential spring of a point with this mobility, 1/kg
     /// (Maxwell's element, by implicit Euler).
     pub(super) fn yields(&self, mobility: f64, time_s: f64) -> f64 {
         let kt = self.stiffness_n_per_m * self.tangential_share;
         1.0 + time_s * self.creep_s * mobility * kt
     }
 
-    /// The longest elastic slip of a point that is pressed so hard, m.
+    /// Largest elastic tangential offset of a point with this normal force, m.
     pub(super) fn longest_slip_m(&self, pressed_n: f64) -> f64 {
         self.friction * pressed_n / (self.stiffness_n_per_m * self.tangential_share)
     }
@@ -167,7 +166,7 @@ impl ElasticContactConfig {
 mod tests {
     use super::*;
 
-    /// A wall at x = 0 whose inside is x < 0: depth and slope of a ball about a point.
+    /// A ball about a point, pressed against a wall that fills x < 0.
     fn pressed(point: &Vector3<f64>, radius_m: f64) -> Pressed {
         Pressed { link: 0, depth_m: radius_m - point.x, slope: Vector3::x() }
     }

@@ -1,5 +1,5 @@
-//! Mobility of a segment: the acceleration of its middle under a unit force. It follows from the masses
-//! of all segments of the tree; springs are left out.
+//! Mobility of a segment: the acceleration of its centre under a unit force. It follows from the masses of all segments
+//! of the tree; springs are neglected.
 
 use std::f64::consts::{FRAC_PI_4, PI};
 
@@ -12,13 +12,13 @@ use super::tree::{self, Node};
 const WOOD_KG_PER_M3: f64 = 700.0;
 /// Density of leaves, kg/m³.
 const LEAF_KG_PER_M3: f64 = 250.0;
-/// Density of a cushion, kg/m³, and how high the part of a block is that moves with its top, m.
+/// Density of a cushion, kg/m³, and height of the part of a block that moves with its top, m.
 const FOAM_KG_PER_M3: f64 = 50.0;
 const MOVED_M: f64 = 0.05;
-/// Inertia of a joint, kg·m²: thin rods would turn about their own axis too easily.
+/// Inertia added to each joint, kg·m²: otherwise thin rods would turn about their own axis too easily.
 const INERTIA: f64 = 1e-7;
 
-/// By segment, 1/kg, the mean over three directions.
+/// Mobility by segment, 1/kg, mean over three directions.
 pub(super) fn mobilities(segments: &[Segment]) -> Vec<f64> {
     let at_rest: Vec<Node> = segments.iter().map(|segment| node(segment, segments)).collect();
     let mobility = |index: usize| {

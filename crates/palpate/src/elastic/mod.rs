@@ -1,24 +1,24 @@
-//! Bodies that bend: a link that pushes a branch at five points meets one branch, not five springs.
+//! Bodies that bend: a link that touches a branch at five points pushes one branch, not five independent springs.
 //!
-//! A plant is a tree of stiff segments on sprung ball joints ([`ElasticBody`]). For every position of the
-//! arm the body is brought to rest against the links ([`Equilibrium`]): large rotations, contacts with
-//! friction, the state of the sample before as the start. The forces at rest are wrenches on the links,
-//! and so joint torques, as those of springs by point are in [`crate::torque`].
+//! A plant is a tree of stiff segments on sprung ball joints ([`ElasticBody`]). For every position of the arm, the
+//! static equilibrium of the body against the links is computed ([`Equilibrium`]), with large rotations and with
+//! friction, starting from the state at the previous sample. The contact forces are wrenches on the links, and so joint
+//! torques, as for the springs of single points in [`crate::torque`].
 //!
-//! | file          | says                                                                        |
+//! | file          | contents                                                                    |
 //! |---------------|-----------------------------------------------------------------------------|
-//! | `body`        | segments at rest                                                             |
-//! | `blocks`      | the springs of blocks, of which cushions are made                            |
-//! | `mobility`    | how easily a segment is set in motion                                        |
-//! | `pose`        | where the segments are, for given turns of the joints                        |
-//! | `tree`        | Newton's equations of a tree, solved in time linear in its segments          |
-//! | `contact`     | what resists where a point of the body is in a link                          |
-//! | `model`       | a body that was learnt from touches, and its torque along a motion           |
-//! | `equilibrium` | the search for the position of rest, and the torque there                    |
+//! | `body`        | segments at rest                                                            |
+//! | `blocks`      | the springs of blocks, of which cushions are made                           |
+//! | `mobility`    | acceleration of a segment under a unit force                                |
+//! | `pose`        | positions of the segments, for given rotations of the joints                |
+//! | `tree`        | Newton's equations of a tree, solved in time linear in its segments         |
+//! | `contact`     | contact forces at a point of the body inside a link                         |
+//! | `model`       | a body that was learnt from touches, and its torque along a motion          |
+//! | `equilibrium` | the search for the static equilibrium, and the torque there                 |
 //!
-//! Nothing here takes time, but for contacts that creep ([`ElasticContactConfig::creep_s`]): gravity is in
-//! the shape that the body has at rest, and a branch that snaps free is at rest in the next sample. The
-//! module knows no cloud, and not what was measured.
+//! The model is static, except for contacts that creep ([`ElasticContactConfig::creep_s`]): gravity is part of the
+//! shape at rest, and a branch that is released is at rest in the next sample. The module uses neither point clouds nor
+//! measured torques.
 
 mod blocks;
 mod body;

@@ -13,7 +13,7 @@ use crate::arm::Arm;
 use crate::lattice::{CellId, Lattice};
 use crate::robot::Poses;
 
-/// Bodies that an object may be, at most.
+/// Largest number of variants of a model.
 const MOST_VARIANTS: usize = 16;
 
 /// An object as an elastic body, learnt from touches.
@@ -23,31 +23,31 @@ const MOST_VARIANTS: usize = 16;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ElasticModel {
-    /// The bodies that the object may be.
+    /// The possible bodies of the object.
     pub variants: Vec<ElasticVariant>,
-    /// Sliding friction between arm and body.
+    /// Coefficient of sliding friction between arm and body.
     pub friction: f64,
     /// [`ElasticContactConfig::creep_s`], s.
     pub creep_s: f64,
-    /// Largest norm of the weighted sum, N·m over all joints; none without a touch.
+    /// Largest norm of the weighted sum over all joints, N·m; `None` without a touch.
     pub torque_limit_n_m: Option<f64>,
     /// Weight of the bodies' torque in the prediction, 0 to 1.
     pub share: f64,
-    /// Touches that it was learnt from.
+    /// Number of learnt touches.
     pub n_touches: usize,
-    /// Speed at which the arm touched the object, m/s: that of motions whose times are not known.
+    /// Speed of the arm in the touches, m/s; used for motions without times.
     pub speed_m_per_s: f64,
-    /// Cells that touches have met, each once.
+    /// The touched cells, each once.
     #[serde(skip)]
     pub residual_cells: Vec<CellId>,
-    /// K of these cells that explains the residual of the bodies, times the weight of that, N/m.
+    /// K of these cells that explains the residual of the bodies, times its weight, N/m.
     #[serde(skip)]
     pub residual_n_per_m: Vec<f64>,
-    /// The same of all other cells, N/m.
+    /// [`Self::residual_n_per_m`] of all other cells, N/m.
     pub untouched_residual_n_per_m: f64,
 }
 
-/// One of the bodies that an object may be.
+/// One possible body of an object.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ElasticVariant {
@@ -60,7 +60,7 @@ pub struct ElasticVariant {
 }
 
 impl ElasticModel {
-    /// The bodies that the object may be.
+    /// The possible bodies of the object.
     pub fn bodies(&self) -> Vec<Arc<ElasticBody>> {
         self.variants.iter().map(|variant| Arc::new(variant.body.clone())).collect()
     }
@@ -70,8 +70,8 @@ impl ElasticModel {
         self.residual_cells.iter().copied().zip(self.residual_n_per_m.iter().copied())
     }
 
-    /// The stiffness of a spring in predictions, N/m: what is left of its K in a field that was learnt from
-    /// the whole torque, and what it adds to the bodies.
+    /// The stiffness of a spring in predictions, N/m: (1 − share) times its K in a field that was learnt from the whole
+    /// torque, plus its residual stiffness beside the bodies.
     pub fn spring_n_per_m(&self, field_n_per_m: f64, residual_n_per_m: f64) -> f64 {
         (1.0 - self.share) * f64::max(field_n_per_m, 0.0) + residual_n_per_m
     }
@@ -80,7 +80,7 @@ impl ElasticModel {
     ///
     /// # Errors
     ///
-    /// Says which number was found, and what was wanted.
+    /// Names the invalid number and its range.
     pub fn check(&self, lattice: &Lattice) -> Result<(), BodyError> {
         let refused = |thing, found, wanted| Err(BodyError::Model { thing, found, wanted });
         let share = "a number from 0 to 1";
@@ -142,7 +142,7 @@ impl ElasticModel {
         }
     }
 
-    /// The most likely body at rest, and the arm that will bend it.
+    /// The body with the largest weight, at rest, with the arm that bends it.
     pub fn equilibrium(&self, arm: &Arc<Arm>) -> Equilibrium {
         let body = Arc::new(self.likeliest().body.clone());
         Equilibrium::new(Arc::clone(arm), body, self.contact())
@@ -164,7 +164,7 @@ impl ElasticModel {
 #[derive(Debug, Clone)]
 pub struct ElasticTorque {
     n_joints: usize,
-    /// Weight times stiffness factors, by tree, and the body; the most likely comes first.
+    /// Weight times stiffness factors, by tree, and the body; in descending order of weight.
     variants: Vec<(DVector<f64>, Equilibrium)>,
     torque_limit_n_m: f64,
     share: f64,
@@ -172,7 +172,7 @@ pub struct ElasticTorque {
 }
 
 impl ElasticTorque {
-    /// The bodies at rest, without those that have no torque.
+    /// The bodies at rest, without those whose torque is always zero.
     pub fn new(arm: &Arc<Arm>, model: &ElasticModel) -> Self {
         let config = model.contact();
         let mut by_weight: Vec<&ElasticVariant> = model.variants.iter().collect();
@@ -198,13 +198,13 @@ impl ElasticTorque {
         self.variants.iter_mut().for_each(|(_, equilibrium)| equilibrium.begin_touch());
     }
 
-    /// Moves the arm on, and gives the torque there, n_joints, N·m; the time, s, is that of the log.
+    /// Moves the arm to these poses and returns the torque there, n_joints, N·m; `time_s` is the time in the log, s.
     pub fn advance(&mut self, poses: &Poses, time_s: Option<f64>) -> DVector<f64> {
         self.bend(&poses.world_from_link, time_s);
         self.torque(poses)
     }
 
-    /// Moves the arm's links on.
+    /// Moves the arm's links to these poses, which bends the bodies.
     pub fn bend(&mut self, links: &[Isometry3<f64>], time_s: Option<f64>) {
         let passed_s = time_s.zip(self.before_s).map(|(now, before)| now - before);
         self.before_s = time_s;
@@ -213,7 +213,7 @@ impl ElasticTorque {
         });
     }
 
-    /// The torque where the arm is, n_joints, N·m; `poses` are those of the last [`ElasticTorque::bend`].
+    /// The torque at the present position, n_joints, N·m; `poses` are those of the last [`ElasticTorque::bend`].
     pub fn torque(&self, poses: &Poses) -> DVector<f64> {
         let of_each = self.variants.par_iter();
         let of_each = of_each.map(|(factors, equilibrium)| equilibrium.torques(poses) * factors);
@@ -223,13 +223,13 @@ impl ElasticTorque {
         self.share * limit_norm(torque, self.torque_limit_n_m)
     }
 
-    /// The most likely body as it is bent now; none if no body has a torque.
+    /// The body with the largest weight as it is bent now; `None` if no body has a torque.
     pub fn body(&self) -> Option<&Equilibrium> {
         self.variants.first().map(|(_, equilibrium)| equilibrium)
     }
 }
 
-/// A torque, n_joints, N·m, scaled down to a norm if its own is larger.
+/// A torque, n_joints, N·m, scaled down if its norm exceeds the limit.
 pub fn limit_norm(torque: DVector<f64>, limit_n_m: f64) -> DVector<f64> {
     let size = torque.norm();
     if size > limit_n_m { torque * (limit_n_m / size) } else { torque }

@@ -1,20 +1,20 @@
-//! Where the segments of a body are, for given turns of its joints.
+//! Positions of the segments of a body, for given rotations of its joints.
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use super::body::{ElasticBody, SegmentKind};
 
-/// How far joints have turned, and blocks have slid.
+/// Rotations of joints and displacements of blocks.
 #[derive(Debug, Clone)]
 pub(super) struct Joints {
-    /// Of each joint, in the frame of the segment that carries it.
+    /// Rotation of each joint, in the frame of the segment that carries it.
     pub turned: Vec<UnitQuaternion<f64>>,
-    /// Of each block, m; zero for other segments.
+    /// Displacement of each block, m; zero for other segments.
     pub slid_m: Vec<Vector3<f64>>,
 }
 
 impl Joints {
-    /// Of so many segments at rest.
+    /// `segments` segments at rest.
     pub(super) fn at_rest(segments: usize) -> Self {
         Self {
             turned: vec![UnitQuaternion::identity(); segments],
@@ -22,7 +22,7 @@ impl Joints {
         }
     }
 
-    /// Whether none has turned or slid.
+    /// Whether nothing is rotated or displaced.
     pub(super) fn are_at_rest(&self) -> bool {
         self.turned.iter().all(|turned| turned.angle() < 1e-9)
             && self.slid_m.iter().all(|slid| slid.norm() < 1e-9)
@@ -38,7 +38,7 @@ pub(super) struct Pose {
 }
 
 impl Pose {
-    /// The position of a body whose joints have turned and slid so.
+    /// The position of a body with these rotations and displacements.
     pub(super) fn of(body: &ElasticBody, joints: &Joints) -> Self {
         let n = joints.turned.len();
         let mut pose = Self { rotations: Vec::with_capacity(n), starts: Vec::with_capacity(n) };
@@ -59,12 +59,13 @@ impl Pose {
         pose
     }
 
-    /// A point of a segment, m; `lever_m` leads to it from the start, at rest.
+    /// A point of a segment, m; `lever_m` is the vector from the start to the point at rest.
     pub(super) fn point(&self, segment: usize, lever_m: &Vector3<f64>) -> Point3<f64> {
         self.starts[segment] + self.rotations[segment] * lever_m
     }
 
-    /// The joints after a share of a step, which turns each in the world frame, rad, and slides blocks, m.
+    /// The joints after a share of a step; `steps` are rotation vectors in the world frame, rad, or displacements of
+    /// blocks, m.
     pub(super) fn stepped(
         &self,
         body: &ElasticBody,
@@ -87,7 +88,7 @@ impl Pose {
         joints
     }
 
-    /// How far the ends of segments are from those of another position, at most, m.
+    /// Largest distance between the ends of segments in this and in another position, m.
     pub(super) fn farthest_from(&self, other: &Self, body: &ElasticBody) -> f64 {
         let ends = body.segments().iter().enumerate().map(|(index, segment)| {
             let axis = segment.axis();

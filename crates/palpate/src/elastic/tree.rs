@@ -1,19 +1,18 @@
-//! Newton's equations of a tree of bodies on ball joints, solved in one pass out and one pass in.
+//! Newton's equations of a tree of bodies on ball joints, solved in one pass from the leaves to the root and one back.
 //!
-//! This is the articulated-body algorithm (Featherstone) with stiffness in the place of inertia: seen
-//! from its parent, a segment with all that it carries is a 6 × 6 stiffness, and eliminating the joint
-//! of a segment fills nothing in. Cost: O(segments), some 0.3 µs each.
+//! This is the articulated-body algorithm (Featherstone) with stiffness instead of inertia: a segment with all that it
+//! carries acts on its parent as a 6 × 6 stiffness, and the elimination of a joint causes no fill-in. Cost:
+//! O(segments), some 0.3 µs each.
 //!
-//! The motion of a segment is a translation of its start and a rotation about it, both small, in the
-//! world frame. The rotation is that of its parent and its own joint's, `w`; the model is
+//! The motion of a segment is a translation of its start and a rotation about it, both small, in the world frame. The
+//! rotation is the sum of that of its parent and that of its own joint, `w`; the model of the energy is
 //!
 //! ```text
 //! ½ Σ wᵢᵀ kᵢ wᵢ + gᵢᵀ wᵢ  +  Σ ½ vᵢᵀ Aᵢ vᵢ + bᵢᵀ vᵢ ,    vᵢ = (translation of the start, rotation)
 //! ```
 //!
-//! A block slides and does not turn: `wᵢ` is then its translation, and nothing hangs from it. Springs between
-//! blocks are in the slopes and on the diagonal alone, as if the neighbours stood still; so a cushion takes
-//! more iterations than a tree.
+//! A block slides and does not turn: `wᵢ` is then its translation, and it carries nothing. Springs between blocks enter
+//! only the gradient and the diagonal, as if the neighbours were fixed; so a cushion takes more iterations than a tree.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -26,9 +25,9 @@ pub(super) struct Node {
     pub arm_m: Vector3<f64>,
     /// Stiffness of the joint, N·m/rad.
     pub joint_stiffness: f64,
-    /// Slope of the joint's energy, N·m; of a block, N.
+    /// Gradient of the joint's energy, N·m; for a block, N.
     pub joint_slope: Vector3<f64>,
-    /// Of a block: stiffness by axis, N/m.
+    /// For a block only: stiffness by axis, N/m.
     pub slides: Option<Vector3<f64>>,
     /// A: translation by translation, N/m.
     pub tt: Matrix3<f64>,
@@ -43,7 +42,7 @@ pub(super) struct Node {
 }
 
 impl Node {
-    /// A joint with nothing that acts on its segment.
+    /// A joint whose segment has no forces.
     pub(super) fn free(parent: Option<usize>, arm_m: Vector3<f64>, joint_stiffness: f64) -> Self {
         Self {
             parent,
@@ -59,8 +58,8 @@ impl Node {
         }
     }
 
-    /// Adds an energy that depends on where a point of the segment is: its slope, N, and its curvature,
-    /// N/m, by that place; `lever_m` leads from the start of the segment to the point.
+    /// Adds an energy that depends on the position of a point of the segment, by its gradient, N, and its curvature,
+    /// N/m, in that position; `lever_m` is the vector from the start of the segment to the point.
     pub(super) fn add(
         &mut self,
         lever_m: &Vector3<f64>,
@@ -80,7 +79,7 @@ impl Node {
 /// The rotation of every joint that minimises the model, rad, or the translation of a block, m; and the Newton
 /// decrement `−slope · step`, J.
 ///
-/// Overwrites the nodes with what they are seen from their parents. Parents come first.
+/// Adds to each node the contributions of the segments that it carries. Parents come first.
 pub(super) fn minimise(nodes: &mut [Node]) -> (Vec<Vector3<f64>>, f64) {
     let mut inverses = vec![Matrix3::zeros(); nodes.len()];
     for index in (0..nodes.len()).rev() {
@@ -92,7 +91,7 @@ pub(super) fn minimise(nodes: &mut [Node]) -> (Vec<Vector3<f64>>, f64) {
         }
         let k = node.joint_stiffness;
         let held = node.rr + Matrix3::from_diagonal_element(k);
-        // Positive definite: k is, and curvatures are not negative.
+        // Positive definite: k is positive, and curvatures are positive semidefinite.
         let inverse = held.try_inverse().unwrap_or_else(|| Matrix3::from_diagonal_element(1.0 / k));
         inverses[index] = inverse;
         let Some(parent) = node.parent else { continue };
@@ -136,7 +135,7 @@ pub(super) fn minimise(nodes: &mut [Node]) -> (Vec<Vector3<f64>>, f64) {
         );
         let pull = node.joint_slope + node.slope_r;
         let step = -(inverse * (pull + node.tr.transpose() * shift + node.rr * turn));
-        // What the joint's own elimination lowers the energy by.
+        // The decrease of the energy by the elimination of this joint.
         decrement += pull.dot(&(inverse * pull));
         motions.push((shift, turn + step));
         steps.push(step);
@@ -182,7 +181,7 @@ mod tests {
         nodes
     }
 
-    /// Motion of a segment by the joints' turns.
+    /// Jacobian of the motion of a segment with respect to the rotations of the joints.
     fn motion_by_turns(nodes: &[Node], mut at: usize) -> Matrix6xX<f64> {
         let mut motion = Matrix6xX::zeros(3 * nodes.len());
         let mut lever = Vector3::zeros();

@@ -1,4 +1,4 @@
-//! What both estimators hold of every cell: its unknown, variance and count, by row.
+//! The belief of both estimators: unknown, variance and count of every cell, by row.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -8,7 +8,7 @@ use crate::torque::{Cell, Observation};
 
 /// A diagonal Gaussian over the cells' unknowns: z of `map`, κ of `ekf`.
 ///
-/// Rows beyond those that were given a value have the prior.
+/// Rows without a stored value have the prior.
 #[derive(Debug, Clone)]
 pub(crate) struct Belief {
     /// Prior mean (N/m) and variance ((N/m)²) of a cell at this lattice's spacing.
@@ -18,16 +18,16 @@ pub(crate) struct Belief {
     pub(crate) torque_variance: DVector<f64>,
     /// Rest points and unknowns, by row.
     pub(crate) cells: Vec<Cell>,
-    /// (N/m)², by row.
+    /// Variances of the unknowns, (N/m)², by row.
     pub(crate) variance: Vec<f64>,
-    /// Frames that touched the cell, by row.
+    /// Number of frames that touched the cell, by row.
     counts: Vec<u32>,
-    /// Steps taken.
+    /// Number of steps so far.
     pub(crate) step: u64,
 }
 
 impl Belief {
-    /// The prior, for cells of the given spacing and a robot of `n_joints`.
+    /// A belief without rows: the prior, for cells of this spacing and a robot of `n_joints`.
     ///
     /// # Errors
     ///
@@ -50,14 +50,14 @@ impl Belief {
         })
     }
 
-    /// Gives new rows the prior; `points_m` are the rest points of all rows, world frame.
+    /// Adds new rows with the prior; `points_m` are the rest points of all rows, world frame.
     pub(crate) fn grow(&mut self, points_m: &[[f64; 3]]) {
         let known = self.cells.len().min(points_m.len());
         self.cells.extend(points_m[known..].iter().map(|&point| Cell::new(point, self.prior_mean)));
         self.fill();
     }
 
-    /// Gives new rows prior means of their own, N/m, raised to `least`.
+    /// Adds new rows with their own prior means, N/m; means below `least` are raised to it.
     pub(crate) fn set_prior_means(
         &mut self,
         points_m: &[[f64; 3]],
@@ -72,7 +72,7 @@ impl Belief {
         self.fill();
     }
 
-    /// Fills the arrays up to the rows of `cells`.
+    /// Extends the other arrays to the rows of `cells`.
     fn fill(&mut self) {
         self.variance.resize(self.cells.len(), self.prior_variance);
         self.counts.resize(self.cells.len(), 0);
@@ -88,18 +88,18 @@ impl Belief {
         self.variance.get(row).copied().unwrap_or(self.prior_variance)
     }
 
-    /// Frames that touched a row.
+    /// Number of frames that touched a row.
     pub(crate) fn count(&self, row: usize) -> u32 {
         self.counts.get(row).copied().unwrap_or(0)
     }
 
-    /// Counts a frame for the cells that it touches.
+    /// Counts one more frame for each cell that it touches.
     pub(crate) fn count_contacts(&mut self, observation: &Observation) {
         observation.rows().for_each(|row| self.counts[row] += 1);
     }
 
-    /// The Kalman update of the variances of a frame's cells, `Pᵢ − Pᵢ² wᵢᵀ C⁻¹ wᵢ` with C = H P Hᵀ + R; rounding cannot
-    /// take more than there is.
+    /// The Kalman update of the variances of a frame's cells, `Pᵢ − Pᵢ² wᵢᵀ C⁻¹ wᵢ` with C = H P Hᵀ + R. The result is
+    /// positive in spite of rounding.
     pub(crate) fn shrink(&mut self, observation: &Observation, inverse: &DMatrix<f64>) {
         let variance = &mut self.variance;
         observation.quadratic(&self.cells, inverse, |row, value| {
@@ -120,7 +120,7 @@ impl Belief {
     ///
     /// # Errors
     ///
-    /// If that is no finite, positive matrix.
+    /// If C is not positive definite, or its inverse is not finite.
     pub(crate) fn innovation_inverse(
         &self,
         observation: &Observation,
@@ -135,7 +135,7 @@ impl Belief {
         is_finite.then_some(inverse).ok_or(EstimatorError::Degenerate)
     }
 
-    /// The belief in numbers, for so many rows; rows without a value have the prior.
+    /// The state to be saved, with `n_rows` rows; rows without a stored value have the prior.
     pub(crate) fn state(
         &self,
         n_rows: usize,
@@ -154,7 +154,7 @@ impl Belief {
         }
     }
 
-    /// Goes on from a saved state; `points_m` are the rest points of all rows, world frame.
+    /// Restores a saved state; `points_m` are the rest points of all rows, world frame.
     ///
     /// # Errors
     ///
@@ -176,7 +176,7 @@ impl Belief {
     }
 }
 
-/// A copy of values by row in which rows without a value get one.
+/// A copy of values by row, extended to `n_rows` rows with `fill`.
 pub(crate) fn padded<T: Copy>(values: &[T], n_rows: usize, fill: T) -> Vec<T> {
     let mut padded = values.to_vec();
     padded.resize(n_rows.max(values.len()), fill);

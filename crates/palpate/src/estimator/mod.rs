@@ -1,8 +1,8 @@
-//! What the two estimators have in common: their interface, prior and saved state.
+//! The common parts of the two estimators: their interface, prior and saved state.
 //!
-//! An estimator holds a belief about the stiffness of every touched cell, by row. [`crate::map`]
-//! is the exact maximum a posteriori, [`crate::ekf`] the paper's filter. Neither knows the robot
-//! or the lattice beyond its rest points; contacts come as [`Observation`]s.
+//! An estimator holds a belief about the stiffness of every touched cell, by row. [`crate::map`] is the exact maximum a
+//! posteriori, [`crate::ekf`] the paper's filter. Estimators depend neither on the robot nor on the lattice: they get
+//! rest points by row, and contacts as [`Observation`]s.
 
 mod belief;
 mod state;
@@ -18,9 +18,9 @@ use crate::torque::Observation;
 
 /// The stiffness of a cell before it is touched, stated for a reference cell of 1 cm.
 ///
-/// A field of springs with spacing h stands for an elastic bed: the mean is spread over volume
-/// (h³), the standard deviation is that of white noise in space (h^1.5). So one prior serves
-/// every resolution.
+/// A field of springs with spacing h represents an elastic medium: the mean is proportional to the volume of a cell
+/// (h³), and the standard deviation is that of white noise in space (h^1.5). So one prior is valid for every
+/// resolution.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Prior {
@@ -31,14 +31,14 @@ pub struct Prior {
 }
 
 impl Prior {
-    /// Mean (N/m) and standard deviation (N/m) of a cell of another size.
+    /// Mean (N/m) and standard deviation (N/m) of a cell at this spacing.
     pub fn at_spacing(&self, spacing_m: f64) -> (f64, f64) {
         let ratio = spacing_m / 0.01;
         (self.mean_n_per_m * ratio.powi(3), self.std_n_per_m * ratio.powf(1.5))
     }
 }
 
-/// What can be wrong with an estimator's settings, or with what it is asked to learn from.
+/// What can be wrong with an estimator's settings, a measurement or a saved state.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
@@ -52,10 +52,10 @@ pub enum EstimatorError {
          never learns; give it a small positive prior mean"
     )]
     EkfPriorMeanZero,
-    /// One torque noise a joint, or one for all.
+    /// Neither one torque noise for each joint nor one for all.
     #[error("torque_std has {got} values; give one for all joints or one for each of {expected}")]
     TorqueStdCount { got: usize, expected: usize },
-    /// Torques or levers beyond what numbers can hold.
+    /// An innovation covariance that overflows or is not positive definite.
     #[error(
         "the measurement cannot be used: its innovation covariance is not a finite, positive matrix"
     )]
@@ -65,7 +65,7 @@ pub enum EstimatorError {
     State { what: String },
 }
 
-/// Which estimator learns.
+/// Choice of the estimator.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum EstimatorKind {
@@ -74,13 +74,13 @@ pub enum EstimatorKind {
     Map,
     /// The paper's filter ([`crate::unstable::EkfEstimator`]).
     Ekf,
-    /// [`Self::Map`] for a [`crate::Mapper`]; palpate-learn fits an elastic body
-    /// ([`crate::unstable::ElasticModel`]) to the same touches.
+    /// In a [`crate::Mapper`] the same as [`Self::Map`]; palpate-learn also fits an elastic body
+    /// ([`crate::unstable::ElasticModel`]) to the touches.
     Elastic,
 }
 
 impl EstimatorKind {
-    /// All of them.
+    /// All estimators.
     pub const ALL: [Self; 3] = [Self::Map, Self::Ekf, Self::Elastic];
 
     /// Its name in settings, files and tables.
@@ -92,61 +92,61 @@ impl EstimatorKind {
         }
     }
 
-    /// The estimator of a name; `None` if there is none of it.
+    /// The estimator with this name, if there is one.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 }
 
-/// What is known of one cell.
+/// Estimate of one cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct CellEstimate {
     /// K, N/m.
     pub stiffness_n_per_m: f64,
-    /// Its standard deviation, N/m.
+    /// Standard deviation of K, N/m.
     pub std_n_per_m: f64,
-    /// Frames that touched it.
+    /// Number of frames that touched the cell.
     pub count: u32,
 }
 
-/// Bounds of every mean and standard deviation, N/m or N·m: none of this world lies outside, and
-/// within them no product of them overflows.
+/// Bounds of every mean and standard deviation, N/m or N·m. Real values lie within them, and products of values within
+/// them do not overflow.
 const SMALLEST: f64 = 1e-9;
 pub(crate) const LARGEST: f64 = 1e9;
 
-/// Settings of either estimator.
+/// Settings of an estimator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct EstimatorConfig {
     /// Stiffness of untouched cells.
     pub prior: Prior,
-    /// σ_τ, N·m: one value for all joints, or one per joint. Stands for all that the model leaves
-    /// unexplained, not for the sensor's noise alone.
+    /// σ_τ, N·m: one value for all joints, or one per joint. It covers all errors of the model, not only the noise of
+    /// the sensor.
     pub torque_std: Vec<f64>,
-    /// Factor of K, learnt or prior, where it is shown or predicted with, 0 to 1; used by `map` alone. Below 1
-    /// where the predictions of touches that were not learnt are too large.
+    /// Factor, 0 to 1, on all K, learnt or prior, that are returned or used in predictions; only for `map`. Below 1 if
+    /// predictions of touches that were not learnt are too large.
     #[serde(default = "unscaled")]
     pub stiffness_scale: f64,
-    /// Remembered frames visited again after each new one.
+    /// Number of replays after each new frame.
     pub replays: u32,
-    /// Standard deviation of the drift ε of Eq. 4, N/m per step for a cell of 1 cm; used by `ekf` alone. 0
-    /// by default: objects are taken not to change.
+    /// Standard deviation of the drift ε of Eq. 4, N/m per step for a cell of 1 cm; only for `ekf`. 0 by default:
+    /// objects do not change.
     pub drift_std_n_per_m: f64,
-    /// Bound on the remembered frames.
+    /// Limits of the memory of frames.
     pub memory: MemoryLimits,
-    /// Seed of the draws from memory.
+    /// Seed of the random draws from memory.
     pub seed: u64,
 }
 
-/// The scale of fields that were saved without one.
+/// Default of `stiffness_scale` for files without it.
 fn unscaled() -> f64 {
     1.0
 }
 
 impl EstimatorConfig {
-    /// The shipped settings of an estimator.
+    /// The default settings of an estimator.
     pub fn of(method: EstimatorKind) -> Self {
         let memory = MemoryLimits { frames: 20_000, bytes: 256 << 20 };
         match method {
@@ -161,7 +161,7 @@ impl EstimatorConfig {
             },
             EstimatorKind::Ekf => Self {
                 prior: Prior { mean_n_per_m: 0.006, std_n_per_m: 0.76 },
-                // Replays count a measurement again and again; the noise is larger by as much.
+                // Each replay counts a measurement again, which a larger noise compensates.
                 torque_std: vec![1.5],
                 stiffness_scale: 1.0,
                 replays: 20,
@@ -211,12 +211,12 @@ impl EstimatorConfig {
     }
 }
 
-/// What was visited in a replay.
+/// Number of frames and contacts that were replayed.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Replayed {
-    /// Frames; none if none are remembered.
+    /// Replayed frames; 0 if no frame is remembered.
     pub frames: u32,
-    /// Their contacts.
+    /// Contacts of these frames.
     pub contacts: u64,
 }
 
@@ -230,18 +230,18 @@ impl Replayed {
 
 /// A belief about the stiffness of touched cells that learns from frames.
 ///
-/// Rows that no frame has touched and that have no prior mean of their own have the prior.
+/// Rows that no frame has touched have the prior of the settings, unless they have their own prior mean.
 pub trait Estimator: Send + Sync {
     /// K of a row, N/m, at least zero.
     fn stiffness(&self, row: usize) -> f64;
 
-    /// Standard deviation of a row, N/m; see the estimators for what it means.
+    /// Standard deviation of a row, N/m; its meaning is documented with each estimator.
     fn std(&self, row: usize) -> f64;
 
-    /// Frames that touched a row.
+    /// Number of frames that touched a row.
     fn count(&self, row: usize) -> u32;
 
-    /// The estimate of the cell of a row; of a row that is none, such as `usize::MAX`, the prior.
+    /// The estimate of a row; for a row that does not exist, such as `usize::MAX`, the prior.
     fn estimate(&self, row: usize) -> CellEstimate {
         CellEstimate {
             stiffness_n_per_m: self.stiffness(row),
@@ -250,7 +250,7 @@ pub trait Estimator: Send + Sync {
         }
     }
 
-    /// The estimates of the cells of the first rows, in one call: a query waits for them.
+    /// The estimates of the first `rows` rows, in one call because a query waits for it.
     fn estimates(&self, rows: usize) -> Vec<CellEstimate> {
         (0..rows).map(|row| self.estimate(row)).collect()
     }
@@ -269,7 +269,7 @@ pub trait Estimator: Send + Sync {
     /// If a mean has no point, is negative or not finite, which is a bug in the caller.
     fn set_prior_means(&mut self, points_m: &[[f64; 3]], mean_n_per_m: &[f64]);
 
-    /// Predicts a new frame, `τ̂ = H K` (Eq. 5), n_joints, N·m, and learns nothing; `points_m` as for
+    /// Predicts a new frame, `τ̂ = H K` (Eq. 5), n_joints, N·m, without learning from it; `points_m` as for
     /// [`Estimator::correct`].
     fn predict(&mut self, points_m: &[[f64; 3]], observation: &Observation) -> DVector<f64>;
 
@@ -288,8 +288,8 @@ pub trait Estimator: Send + Sync {
         frame_id: FrameId,
     ) -> Result<DVector<f64>, EstimatorError>;
 
-    /// s of [`Calibration::half_width`](crate::Calibration::half_width) of a frame before it is learnt from, n_joints, N·m;
-    /// `points_m` as for [`Estimator::correct`].
+    /// s of [`Calibration::half_width`](crate::Calibration::half_width) for a frame before it is learnt, n_joints, N·m;
+    /// `relative_std` is ρ, and `points_m` as for [`Estimator::correct`].
     fn band_spread(
         &mut self,
         points_m: &[[f64; 3]],
@@ -297,31 +297,31 @@ pub trait Estimator: Send + Sync {
         relative_std: f64,
     ) -> DVector<f64>;
 
-    /// Lets a step without contact pass: with drift (Eq. 4), variances grow.
+    /// Advances by one step without contact: with drift (Eq. 4), variances grow.
     fn advance_time(&mut self);
 
-    /// Replays: fuses remembered frames again, drawn from memory.
+    /// Fuses remembered frames again, as many as `visits`, drawn from memory.
     fn replay(&mut self, visits: u32) -> Replayed;
 
-    /// Condenses the frames of a touch: they leave memory and are replayed no more, what was learnt from
-    /// them stays in the belief.
+    /// Condenses the frames of a touch: they are removed from memory and replayed no more; what was learnt from them
+    /// stays in the belief.
     fn condense(&mut self, touch: u32);
 
-    /// The remembered frames, in memory's order.
+    /// Identities of the remembered frames, in the order of the memory.
     fn frame_ids(&self) -> Vec<FrameId>;
 
-    /// Of some remembered frames, about `most` of them evenly chosen: τ − τ̂ and τ, n_joints each, N·m, times the weight of
-    /// each torque ([`Observation::weighted`]).
+    /// Residual τ − τ̂ and torque τ of about `most` evenly chosen remembered frames, n_joints each, N·m, times the
+    /// weight of each torque ([`Observation::weighted`]).
     fn errors(&self, most: usize) -> Vec<(FrameId, [DVector<f64>; 2])>;
 
     /// Bytes of the remembered frames.
     fn memory_bytes(&self) -> usize;
 
-    /// The belief in numbers, for so many rows.
+    /// The state to be saved, with `n_rows` rows.
     fn state(&self, n_rows: usize) -> EstimatorState;
 
-    /// Goes on from a saved state, given the rest points of all rows (world frame, m) and the remembered
-    /// frames' observations in the state's order. Called on an estimator that has learnt nothing yet.
+    /// Restores a saved state, given the rest points of all rows (world frame, m) and the observations of the
+    /// remembered frames, in the order of the state. Called on an estimator that has learnt nothing yet.
     ///
     /// # Errors
     ///

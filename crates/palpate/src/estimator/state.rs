@@ -1,4 +1,4 @@
-//! A belief in numbers, as it is saved.
+//! State of an estimator, to be saved and restored.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,7 +8,7 @@ use crate::replay::RngState;
 /// Identity of a frame: which sample of which touch it was.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct FrameId {
-    /// Number of the touch, counted over the mapper's life.
+    /// Number of the touch, counted from the first touch of the mapper.
     pub touch: u32,
     /// Number of the sample in its touch.
     pub sample: u32,
@@ -17,7 +17,7 @@ pub struct FrameId {
 /// A remembered frame, without its observation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RememberedFrame {
-    /// Which frame.
+    /// Identity of the frame.
     pub id: FrameId,
     /// `map`: its multipliers α, n_joints; else empty.
     pub alpha: Vec<f64>,
@@ -25,27 +25,27 @@ pub struct RememberedFrame {
     pub nis: f64,
 }
 
-/// A belief in numbers, enough to continue it given its remembered observations.
+/// State of an estimator; the observations of its remembered frames are not included.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EstimatorState {
     /// z of `map` or the mean of κ of `ekf`, by row, N/m.
     pub mean: Vec<f64>,
     /// Variance by row, (N/m)².
     pub variance: Vec<f64>,
-    /// Frames that touched the cell, by row.
+    /// Number of frames that touched the cell, by row.
     pub counts: Vec<u32>,
-    /// `ekf`: the step up to which each row's variance holds its drift; empty for `map`.
+    /// `ekf`: the step up to which the variance includes the drift, by row; empty for `map`.
     pub seen: Vec<u64>,
-    /// Steps taken.
+    /// Number of steps so far.
     pub step: u64,
-    /// Remembered frames in memory's order.
+    /// Remembered frames, in the order of the memory.
     pub remembered: Vec<RememberedFrame>,
-    /// Where the draws from memory stand.
+    /// State of the random generator of the draws from memory.
     pub rng: RngState,
 }
 
 impl EstimatorState {
-    /// Checks that all arrays have the same rows, no more than there are, and finite numbers.
+    /// Checks that all arrays have the same number of rows, at most `n_rows`, and finite numbers.
     pub(super) fn check(&self, n_rows: usize, n_joints: usize) -> Result<(), EstimatorError> {
         let rows = self.mean.len();
         let agree = self.variance.len() == rows && self.counts.len() == rows && rows <= n_rows;

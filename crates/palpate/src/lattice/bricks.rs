@@ -1,4 +1,4 @@
-//! Storage that exists where cells were touched: 8³ of them at a time.
+//! Storage in bricks of 8³ cells, which exist only where cells were touched.
 
 use rustc_hash::FxHashMap;
 
@@ -7,9 +7,9 @@ pub(crate) const BRICK_EDGE: u32 = 8;
 /// Cells in a brick.
 pub(crate) const BRICK_CELLS: usize = (BRICK_EDGE * BRICK_EDGE * BRICK_EDGE) as usize;
 
-/// Values of cells in bricks of 8³, each made when one of its cells is first asked for.
+/// Values of cells in bricks of 8³. A brick is created when one of its cells is first used.
 ///
-/// Memory follows the bricks in use, never the lattice's size.
+/// Memory depends on the bricks in use, not on the size of the lattice.
 #[derive(Debug, Clone)]
 pub(crate) struct Bricks<T> {
     slots: FxHashMap<[u32; 3], u32>,
@@ -47,7 +47,7 @@ impl<T> Bricks<T> {
         &mut self.bricks[slot as usize]
     }
 
-    /// Gives all bricks back.
+    /// Removes all bricks.
     pub(crate) fn clear(&mut self) {
         self.slots.clear();
         self.bricks.clear();
@@ -71,7 +71,7 @@ impl BrickBits {
 
     /// Whether all bits of a cube of `edge` cells a side are set; `low` is its first place.
     ///
-    /// A word is one layer along z, a byte of it one row along x, so this is one look a layer.
+    /// A 64-bit word is one layer along z, a byte of it one row along x: one comparison per layer.
     ///
     /// # Panics
     ///
@@ -120,14 +120,14 @@ impl CellSet {
         self.bricks.get_or_insert_with(brick, BrickBits::default).insert(inside);
     }
 
-    /// Takes the cell at a place out.
+    /// Removes the cell at a place.
     pub(crate) fn remove(&mut self, place: [u32; 3]) {
         let (brick, inside) = Bricks::<()>::locate(place);
         let bits = self.bricks.get_or_insert_with(brick, BrickBits::default);
         bits.0[inside / 64] &= !(1 << (inside % 64));
     }
 
-    /// Takes all cells out.
+    /// Removes all cells.
     pub(crate) fn clear(&mut self) {
         self.bricks.clear();
     }

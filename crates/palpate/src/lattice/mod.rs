@@ -1,4 +1,4 @@
-//! The workspace box and its rest points: cell ↔ point, and storage that follows what is touched.
+//! The workspace box and its rest points: cell ↔ point, and storage for touched cells.
 //!
 //! | paper | here                 | value                           | unit |
 //! |-------|----------------------|---------------------------------|------|
@@ -7,10 +7,9 @@
 //! |       | [`Bricks`]           | 8³ cells at a time, on demand   |      |
 //! |       | [`CellRows`]         | cells numbered by first touch   |      |
 //!
-//! A lattice is three numbers and a shape: declaring 1000³ points costs nothing. Whatever is
-//! known of cells lives in bricks that exist once one of their cells is touched, or in arrays
-//! indexed by *row*, the order in which cells were first touched. The module knows neither
-//! stiffness nor contact.
+//! A lattice stores only origin, spacing and shape: 1000³ points take no memory. Data of cells are stored in bricks,
+//! which are created when one of their cells is touched, or in arrays indexed by *row*, the order in which cells were
+//! first touched. Stiffness and contact are not used here.
 
 mod bricks;
 mod rows;
@@ -33,13 +32,13 @@ pub struct CellId(pub u32);
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum LatticeError {
-    /// A spacing that places no points, or all of them in one place.
+    /// A spacing that is not positive or not finite.
     #[error("lattice spacing is {found_m} m; it must be a positive, finite length")]
     Spacing { found_m: f64 },
     /// An axis without points.
     #[error("lattice shape is {found:?}; every axis needs at least one point")]
     EmptyAxis { found: [u32; 3] },
-    /// A corner that is nowhere.
+    /// A corner that is not finite, or too far from the world's origin.
     #[error(
         "a corner of the lattice is {found:?} m; all three coordinates must be finite, and within \
          {FARTHEST_M} m of the world's origin; are they in millimetres?"
@@ -53,8 +52,8 @@ pub enum LatticeError {
     TooManyPoints { shape: [u32; 3], points: u128, limit: u64 },
 }
 
-/// How far from the world's origin anything may be that an arm is to touch, m. What is farther is in
-/// other units, or on a map of the Earth, where numbers lose the digits that contacts need.
+/// Largest coordinate, in absolute value, of anything that an arm touches, m. Larger numbers are in other units, or
+/// geographic coordinates, in which numbers lose the digits that contacts need.
 pub const FARTHEST_M: f64 = 1000.0;
 
 /// A box of rest points at equal spacing, aligned with the world's axes.
@@ -66,7 +65,7 @@ pub struct Lattice {
     shape: [u32; 3],
 }
 
-/// A lattice as files hold it, before its checks.
+/// A lattice as stored in files, unchecked.
 #[derive(Serialize, Deserialize)]
 struct RawLattice {
     origin_m: [f64; 3],
@@ -131,7 +130,7 @@ impl Lattice {
         Ok(Self { origin_m: origin_m.into(), spacing_m, shape })
     }
 
-    /// The points that fill the box between two opposite corners, centred in it.
+    /// A lattice that fills the box between two opposite corners, centred in it.
     ///
     /// # Errors
     ///
@@ -151,7 +150,7 @@ impl Lattice {
             if !edge_m.is_finite() {
                 return Err(LatticeError::Origin { found: low_m });
             }
-            // The nudge keeps 2.4 m / 12 mm at 200 points whatever the last bit says.
+            // The tolerance keeps 2.4 m / 12 mm at 200 points in spite of rounding.
             let count = (edge_m / spacing_m + 1e-6).floor().max(0.0);
             shape[axis] = count.min(f64::from(u32::MAX)) as u32;
             origin_m[axis] = low_m[axis] + 0.5 * (edge_m - (count - 1.0) * spacing_m);
@@ -174,7 +173,7 @@ impl Lattice {
         self.shape
     }
 
-    /// Points in all.
+    /// Number of points.
     pub fn n_cells(&self) -> u64 {
         self.shape.iter().map(|&n| u64::from(n)).product()
     }

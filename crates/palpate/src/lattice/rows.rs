@@ -1,13 +1,13 @@
-//! Cells without gaps, numbered by first touch, after those with a prior of their own.
+//! Rows: numbers of cells without gaps, in the order of first touch, after cells with their own prior mean.
 
 use std::sync::Arc;
 
 use super::{BRICK_CELLS, Bricks, CellId, Lattice};
 
-/// Cells numbered in the order in which they are first asked for, with their rest points.
+/// Cells numbered in the order in which they are first used, with their rest points.
 ///
-/// Arrays over *rows* hold the touched part of the world without gaps, and cells touched
-/// together lie together.
+/// Arrays indexed by *row* hold the touched cells without gaps, and cells that are touched together are close to each
+/// other in memory.
 #[derive(Debug, Clone)]
 pub struct CellRows {
     lattice: Lattice,
@@ -16,22 +16,21 @@ pub struct CellRows {
     points_m: Vec<[f64; 3]>,
 }
 
-/// The rows of cells by their number inside a brick, in the bricks in use; of cells that have none, a
-/// number that no row has.
+/// Rows of cells, by brick and by number inside the brick; [`NO_ROW`] for cells without a row.
 ///
-/// A copy shares its bricks with the original until that adds a cell to one of them.
+/// A copy shares its bricks with the original until the original adds a cell to one of them.
 pub(crate) type RowsOfBricks = Bricks<Arc<[u32; BRICK_CELLS]>>;
 
-/// The row number of a cell that has none.
+/// Marks a cell without a row.
 const NO_ROW: u32 = u32::MAX;
 
 impl CellRows {
-    /// No rows yet.
+    /// A numbering without rows.
     pub fn new(lattice: Lattice) -> Self {
         Self { lattice, rows: Bricks::default(), cells: Vec::new(), points_m: Vec::new() }
     }
 
-    /// These cells' rows, in this order.
+    /// Rows for these cells, in this order.
     ///
     /// # Panics
     ///
@@ -49,7 +48,7 @@ impl CellRows {
         &self.lattice
     }
 
-    /// The row of a cell, which gets the next one if it has none.
+    /// The row of a cell; a cell without a row gets the next one.
     ///
     /// # Panics
     ///
@@ -67,13 +66,13 @@ impl CellRows {
         brick[inside]
     }
 
-    /// The row of a cell, if it was ever touched.
+    /// The row of a cell, if it has one.
     pub fn find(&self, cell: CellId) -> Option<u32> {
         let (brick, inside) = Bricks::<()>::locate(self.lattice.place(cell));
         self.rows.get(brick).map(|rows| rows[inside]).filter(|&row| row != NO_ROW)
     }
 
-    /// What is given by cell, by row; cells that have no row get one, and rows of other cells `default`.
+    /// Values by row, from values by cell; cells without a row get one, and rows without a value get `default`.
     pub(crate) fn by_row(
         &mut self,
         given: impl Iterator<Item = (CellId, f64)>,
@@ -88,12 +87,12 @@ impl CellRows {
         by_row
     }
 
-    /// The touched cells, by row.
+    /// The cells, by row.
     pub fn cells(&self) -> &[CellId] {
         &self.cells
     }
 
-    /// The touched cells' rest points by row, world frame, m.
+    /// Rest points of the cells by row, world frame, m.
     pub fn points_m(&self) -> &[[f64; 3]] {
         &self.points_m
     }
@@ -103,22 +102,21 @@ impl CellRows {
         &self.rows
     }
 
-    /// Rows in use.
+    /// Number of rows.
     pub fn len(&self) -> usize {
         self.cells.len()
     }
 
-    /// Whether no cell was touched.
+    /// Whether there are no rows.
     pub fn is_empty(&self) -> bool {
         self.cells.is_empty()
     }
 }
 
-/// Remembers the rows of runs of cells, each much like the last of its number.
+/// Finds the rows of *runs*: lists of cells, one for each link, that change little from step to step.
 ///
-/// What an arm touches changes little from step to step: cells leave the run, and new ones are
-/// added at its end. The rows of those that stayed are found by walking along the last run, which
-/// takes a comparison in place of a look-up.
+/// From one step to the next, some cells leave a run, and new ones are added at its end. The rows of the other cells
+/// are found by walking along the previous run, with one comparison each instead of a look-up.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct RowsOfRuns {
     runs: Vec<Run>,
@@ -128,12 +126,12 @@ pub(crate) struct RowsOfRuns {
 struct Run {
     cells: Vec<CellId>,
     rows: Vec<u32>,
-    /// The rows before those, whose memory is used again.
+    /// The previous rows; their memory is reused.
     last_rows: Vec<u32>,
 }
 
 impl RowsOfRuns {
-    /// The rows of a run of cells; those without one get the next.
+    /// The rows of the cells of run number `run`; a cell without a row gets the next one.
     ///
     /// # Panics
     ///

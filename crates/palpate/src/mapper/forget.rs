@@ -1,9 +1,10 @@
-//! Forgetting touches: the mapper that would be there had they never been.
+//! Forgetting touches: the mapper that would result if they had never been learnt.
 //!
-//! A mapper keeps the samples of the touches that it remembers, and learning is a thousandth of the time that touching
-//! takes. So the other touches are learnt anew, in their order: stiffness, standard deviations, counts and memory are to
-//! the bit those of a mapper that never met the forgotten ones. [`crate::unstable::MapEstimator::forget`] takes back single
-//! frames that are still remembered, but neither their standard deviations nor what was condensed.
+//! A mapper keeps the samples of the touches that it remembers, and learning takes a thousandth of the time of
+//! touching. So all other touches are learnt again, in their order: stiffness, standard deviations, counts and memory
+//! are equal to the bit to those of a mapper that never learnt the forgotten touches.
+//! [`crate::unstable::MapEstimator::forget`] removes single remembered frames, but neither their effect on standard
+//! deviations nor condensed frames.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -12,16 +13,16 @@ use super::{Mapper, MapperError, Snapshot};
 use crate::arm::Arm;
 
 impl Mapper {
-    /// The mapper of a snapshot as if it had never met some of its touches, which are given by their numbers
+    /// Rebuilds the mapper of a snapshot without some of its touches, given by their numbers
     /// ([`super::LoggedTouch::touch`]).
     ///
-    /// The numbers of the other touches are as before. `step` is called after every sample, and returns whether to go on:
-    /// else `None` is returned.
+    /// The other touches keep their numbers. `step` is called after every sample; when it returns false, rebuilding
+    /// stops and `None` is returned.
     ///
     /// # Errors
     ///
-    /// If a number is not one of its sample log, if samples of another touch are gone, which would be forgotten as well
-    /// ([`Snapshot::gone`]), if the arm is another, or the snapshot contradicts itself.
+    /// If a number is not in the sample log, if the samples of another learnt touch are gone, so that it would be
+    /// forgotten as well ([`Snapshot::gone`]), if the arm is not that of the snapshot, or the snapshot is inconsistent.
     pub fn without(
         arm: Arc<Arm>,
         snapshot: &Snapshot,

@@ -37,7 +37,7 @@ use crate::setting::SettingError;
 use crate::torque::ObservationBuilder;
 use crate::tracker::{Sample, TrackedSample, Tracker, TrackerError, torque_weights};
 
-/// Everything that decides what is learnt from a log.
+/// All settings that determine what is learnt from a log.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[non_exhaustive]
@@ -46,7 +46,7 @@ pub struct MapperConfig {
     pub lattice: Lattice,
     /// The contact model.
     pub contact: ContactConfig,
-    /// Gravity and tare.
+    /// Sign, gravity and tare of the torques.
     pub touch: ExternalTorqueConfig,
     /// The estimator.
     pub method: EstimatorKind,
@@ -55,7 +55,7 @@ pub struct MapperConfig {
 }
 
 impl MapperConfig {
-    /// The shipped settings of an estimator, in the paper's box.
+    /// The default settings of an estimator, in the workspace box of the paper.
     pub fn of(method: EstimatorKind) -> Self {
         Self {
             lattice: Lattice::default(),
@@ -66,7 +66,7 @@ impl MapperConfig {
         }
     }
 
-    /// An estimator that knows nothing yet, for torques of so many joints.
+    /// A new estimator with these settings, for torques of `n_joints` joints.
     ///
     /// # Errors
     ///
@@ -101,7 +101,7 @@ pub enum MapperError {
          or shapes; continue with the same robot, or start a new field"
     )]
     OtherRobot { learnt: String, given: String },
-    /// Touches that cannot be learnt again.
+    /// Learnt touches whose samples are no longer in memory.
     #[error(
         "{touches} touches that the field has learnt from are no longer in its memory, and would be forgotten as well; map \
          the logs that are to be kept anew, or with more memory (--memory-mib)"
@@ -118,20 +118,21 @@ impl From<RobotError> for MapperError {
     }
 }
 
-/// Remembered frames, at most, that the error on what was learnt is the mean of.
+/// Largest number of remembered frames from which the residual on learnt touches is computed.
 const ERROR_FRAMES: usize = 200;
 
-/// What one step found.
+/// Result of one step.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct StepReport {
-    /// Points touched.
+    /// Number of touched points.
     pub contacts: usize,
     /// τ_ext, n_joints, N·m; `None` while the tare is being taken.
     pub external: Option<DVector<f64>>,
-    /// τ̂ before the sample was learnt from, n_joints, N·m; `None` with `external`.
+    /// τ̂ before the sample was learnt from, n_joints, N·m; `None` if `external` is `None`.
     pub predicted: Option<DVector<f64>>,
-    /// Half-width of the band for largest torques around it, n_joints, N·m, if [`Mapper::with_band`] asks for one.
+    /// Half-width of the band for the largest torque around `predicted`, n_joints, N·m; only with
+    /// [`Mapper::with_band`].
     pub peak_half_width: Option<DVector<f64>>,
 }
 
@@ -141,18 +142,18 @@ pub struct Mapper {
     tracker: Tracker,
     observations: ObservationBuilder,
     replays: Replays,
-    /// Prior means of the rows that have one of their own, N/m.
+    /// Prior means of the rows with their own prior mean, N/m.
     prior_means_n_per_m: Vec<f64>,
     log: SampleLog,
     calibration: Option<Calibration>,
-    /// Bands of other objects for what has been learnt by the end of the last touch.
+    /// Bands of other objects, updated at the end of each touch.
     others: Option<Calibration>,
     /// Level of the band that steps report.
     band: Option<f64>,
 }
 
 impl Mapper {
-    /// A mapper that knows nothing yet.
+    /// A new mapper, without prior means by cell.
     ///
     /// # Errors
     ///
@@ -161,8 +162,7 @@ impl Mapper {
         Self::with_prior(arm, config, &[])
     }
 
-    /// A mapper that has learnt nothing yet, with prior means of their own, N/m, for some cells; all
-    /// others have the prior mean of the settings.
+    /// A new mapper in which some cells have their own prior mean, N/m; all others have the prior mean of the settings.
     ///
     /// These cells get the first rows, in the lattice's order; [`Mapper::field`] lists them with a
     /// count of 0. With `ekf` a mean below the settings' prior mean is raised to it
@@ -180,7 +180,7 @@ impl Mapper {
         let (rows, means) = prior_means::rows(&config.lattice, prior)?;
         let mut estimator = config.estimator(arm.robot.n_joints())?;
         estimator.set_prior_means(rows.points_m(), &means);
-        // As the estimator took them.
+        // Read back, because `ekf` raises small means.
         let prior_means_n_per_m = (0..rows.len()).map(|row| estimator.stiffness(row)).collect();
         let (contact, touch) = (&config.contact, config.touch.clone());
         let per_frame = config.estimator.replays;
@@ -197,16 +197,16 @@ impl Mapper {
         })
     }
 
-    /// The same mapper, with its replays made as a policy says; by default, in the background.
+    /// Sets the policy of replays; by default they are made in the background.
     #[must_use]
     pub fn with_replays(mut self, policy: ReplayPolicy) -> Self {
         self.replays.set_policy(policy);
         self
     }
 
-    /// The same mapper with bands that touches were held out for. Without them, its fields have bands as other objects have
-    /// them, from the end of the first touch on ([`Calibration::of_other_objects`]); if such bands are given, only their
-    /// misfits stay.
+    /// Sets bands that were calibrated on held-out touches. Without them, fields have bands of other objects from the
+    /// end of the first touch on ([`Calibration::of_other_objects`]). If the given bands are of other objects, the next
+    /// touch replaces them, except for their misfits.
     #[must_use]
     pub fn with_calibration(mut self, calibration: Option<Calibration>) -> Self {
         (self.others, self.calibration) = match calibration {
@@ -216,12 +216,12 @@ impl Mapper {
         self
     }
 
-    /// How wide bands around its predictions are, if that is known.
+    /// Calibration of the prediction bands, if there is one.
     pub fn calibration(&self) -> Option<&Calibration> {
         self.calibration.as_ref().or(self.others.as_ref())
     }
 
-    /// Finds how wide they are on other objects, for what has been learnt so far.
+    /// Updates the bands of other objects to the touches learnt so far.
     fn update_bands(&mut self) {
         let n_joints = self.tracker.arm().robot.n_joints();
         let estimator = self.replays.estimator();
@@ -241,7 +241,7 @@ impl Mapper {
         }
     }
 
-    /// The same mapper, whose steps report the band around their predictions at a level; `None` without that band
+    /// Lets steps report the band around their predictions at a level; `None` if there is no band at that level
     /// ([`Calibration::at`]).
     #[must_use]
     pub fn with_band(mut self, level: f64) -> Option<Self> {
@@ -258,16 +258,16 @@ impl Mapper {
         self.tracker.begin_touch();
     }
 
-    /// Names the touch under way, for whoever asks for it later ([`LoggedTouch::name`]).
+    /// Names the touch under way ([`LoggedTouch::name`]).
     pub fn name_touch(&mut self, name: &str) {
         self.log.name(name);
     }
 
-    /// Learns from one sample: simulate, predict, correct, replay (Sec. II). One that follows within 45 ms of the last
-    /// that was learnt from is only predicted: it says next to nothing new, and would count as much.
+    /// Learns from one sample: simulate, predict, correct, replay (Sec. II). A sample within 45 ms of the last learnt
+    /// one is only predicted: it has hardly any new information, but would count as an independent measurement.
     ///
-    /// The replays are made as the [`ReplayPolicy`] says; by default they go on in the background while
-    /// the next sample is simulated, which needs nothing of them.
+    /// When replays are made depends on the [`ReplayPolicy`]; by default they run in the background while the next
+    /// sample is simulated.
     ///
     /// # Errors
     ///
@@ -303,8 +303,8 @@ impl Mapper {
         Ok(StepReport { contacts, external, predicted: Some(predicted), peak_half_width })
     }
 
-    /// Predicts the torque of a frame and, if that is learnt from, corrects the belief by the measured one; returns the
-    /// prediction and the half-width of its band, if one is asked for, n_joints, N·m.
+    /// Predicts the torque of a frame and, if the frame is to be learnt, corrects the belief by the measured torque.
+    /// Returns the prediction, and the half-width of its band if bands are reported, n_joints, N·m.
     fn predict_and_correct(
         &mut self,
         frame: FrameId,
@@ -339,14 +339,14 @@ impl Mapper {
         Ok((predicted, peak_half_width))
     }
 
-    /// How much the torque of each joint counts, if the sample says how uncertain it is.
+    /// Weights of the joint torques ([`torque_weights`]), if the sample has standard deviations.
     fn weights(&self, tracked: &TrackedSample) -> Option<Vec<f64>> {
         let tau_std = tracked.tau_std.as_ref()?;
         Some(torque_weights(tau_std, &self.config.estimator.torque_std))
     }
 
-    /// Half-width of the band around a prediction, n_joints, N·m, with this spread, and so many points that are
-    /// touched and of these known.
+    /// Half-width of the band for the largest torque around a prediction, n_joints, N·m, given its spread, the number
+    /// of touched points and the number of known ones.
     fn peak_half_width(
         &self,
         predicted: &DVector<f64>,
@@ -356,7 +356,7 @@ impl Mapper {
         calibration.peak_half_width(self.band?, predicted.as_slice(), spread.as_slice(), *contacts)
     }
 
-    /// Lets the belief age by a step in which nothing is touched, if it counts as one; the prediction is zero.
+    /// A step without contact: predicts zero and, with `ages`, advances the time of the belief.
     fn pass_without_contact(
         &mut self,
         n_joints: usize,
@@ -379,8 +379,8 @@ impl Mapper {
         frame
     }
 
-    /// The number of an earlier touch in the memory whose samples are to the bit those of the touch under way, or of its
-    /// start: the same recording, which now counts twice.
+    /// Number of an earlier touch in memory whose samples are equal to the bit to the first samples, or all, of the
+    /// touch under way: the same recording, which then counts twice.
     pub fn repeated_touch(&self) -> Option<u32> {
         self.log.repeated().map(|touch| touch.touch)
     }
@@ -389,7 +389,7 @@ impl Mapper {
     ///
     /// # Errors
     ///
-    /// If the touch was shorter than the tare frames asked for.
+    /// If the touch has fewer frames than were requested for the tare.
     pub fn end_touch(&mut self) -> Result<(), MapperError> {
         self.replays.end_touch();
         self.log.end_touch(&self.replays.estimator().frame_ids());
@@ -397,17 +397,16 @@ impl Mapper {
         Ok(self.tracker.end_touch()?)
     }
 
-    /// Makes replays in time that the caller can spare; returns how many.
+    /// Makes replays in spare time of the caller; returns how many.
     ///
-    /// `grant` is given how many may be made and returns how many to make before it is called again. Stops
-    /// when `grant` returns 0, when no more may be made, or when nothing is remembered. Only for
-    /// [`ReplayPolicy::SpareTime`] and [`ReplayPolicy::SpareTimeUnbounded`]: under another policy none is
-    /// left to be made.
+    /// `grant` gets the number of replays that may still be made and returns how many to make before it is called
+    /// again. Stops when `grant` returns 0, when no more may be made, or when nothing is remembered. Without
+    /// [`ReplayPolicy::SpareTime`] or [`ReplayPolicy::SpareTimeUnbounded`] no replays are left to be made.
     pub fn spare_time(&mut self, grant: impl FnMut(u32) -> u32) -> u32 {
         self.replays.spare_time(grant)
     }
 
-    /// Replays that may still be made in spare time.
+    /// Number of replays that may still be made in spare time.
     pub fn spare_replays(&self) -> u32 {
         self.replays.spare()
     }
@@ -433,18 +432,18 @@ impl Mapper {
         self.replays.estimator().estimate(row.map_or(usize::MAX, |row| row as usize))
     }
 
-    /// Cells that were touched or have a prior mean of their own.
+    /// Number of cells that were touched or have their own prior mean.
     pub fn n_cells(&self) -> usize {
         self.observations.rows().len()
     }
 
-    /// What the arm displaced in the last sample.
+    /// The contacts of the last sample.
     pub fn contacts(&self) -> Contacts {
         self.tracker.contacts()
     }
 
-    /// Frames remembered, and the bytes that they and the sample log hold; each of the two is bounded
-    /// by [`crate::MemoryLimits::bytes`].
+    /// Number of remembered frames, and bytes of these frames and the sample log together; the frames and the log are
+    /// each limited by [`crate::MemoryLimits::bytes`].
     pub fn memory(&self) -> (usize, usize) {
         let estimator = self.replays.estimator();
         (estimator.frame_ids().len(), estimator.memory_bytes() + self.log.bytes())
@@ -471,35 +470,33 @@ impl Mapper {
     /// A copy of the field and of the arm with its contacts, which predicts the torque of motions on any
     /// thread while mapping goes on.
     ///
-    /// Cost: 3 to 5 ns for each touched cell, and a copy of the contacts; just after a step, as for
-    /// everything that is asked of the belief, the replays of that step are made first.
+    /// Cost: 3 to 5 ns for each touched cell, and a copy of the contacts. Replays of the last step that are still due
+    /// are made first, as before every access to the belief.
     pub fn path_predictor(&self) -> PathPredictor {
         self.coarse_path_predictor(1.0)
     }
 
-    /// [`Mapper::path_predictor`] with springs that each stand for a cluster of neighbours, for fast
-    /// predictions; with 1 or less, or NaN, every spring stands for itself.
+    /// [`Mapper::path_predictor`] with one spring for each cluster of neighbouring cells, for fast predictions; with a
+    /// `cluster_weight` of 1 or less, or NaN, every cell has its own spring.
     ///
-    /// No cluster weighs more than `cluster_weight` average springs, by stiffness and by variance. Most
-    /// weigh less: at 24, one spring in 11 to 15 is left. Of the cells that the field does not know, one
-    /// in every block of 4³ is kept. Torques are then off by some percent, see
-    /// [`crate::CLUSTER_WEIGHT`], and counts of contacts are estimates. The choice depends on the field
-    /// alone: the same field gives the same prediction.
+    /// The weight of a cluster, from its stiffness and variance, is at most that of `cluster_weight` average cells.
+    /// Most clusters weigh less: with 24, there is one spring for 11 to 15 cells. Cells that the field does not know
+    /// have one spring for each block of 4³. Torques are then off by some percent, see [`crate::CLUSTER_WEIGHT`], and
+    /// numbers of contacts are estimates. Clusters depend on the field alone: the same field gives the same prediction.
     ///
-    /// Cost: as [`Mapper::path_predictor`]; the predictor forms clusters where a path leads.
+    /// Cost: as [`Mapper::path_predictor`]; clusters are formed later, near the paths that are predicted.
     pub fn coarse_path_predictor(&self, cluster_weight: f64) -> PathPredictor {
         let (contact, rows) = (self.config.contact.clone(), self.observations.rows());
         let springs = Springs::new(rows, &*self.replays.estimator(), cluster_weight);
         PathPredictor::new(&self.tracker, contact, springs).calibrated(self.calibration().cloned())
     }
 
-    /// Checks of paths for this mapper's path predictors, without a copy of the field.
+    /// A checker of paths for this mapper's path predictors; it does not copy the field.
     pub fn path_checker(&self) -> PathChecker {
         PathChecker::new(self.tracker.substeps().clone(), self.config.lattice.spacing_m())
     }
 
-    /// Prior means of the cells that have one of their own, N/m: those of the first rows, as many as
-    /// there are; empty without such a prior.
+    /// Prior means of the cells with their own prior mean, N/m, which have the first rows; empty if there are none.
     pub fn prior_means_n_per_m(&self) -> &[f64] {
         &self.prior_means_n_per_m
     }

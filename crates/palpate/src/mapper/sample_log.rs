@@ -14,29 +14,32 @@ use crate::tracker::Sample;
 /// The samples of one touch, as logged.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct LoggedTouch {
-    /// The touch's number over the mapper's life.
+    /// Number of the touch, counted from the first touch of the mapper.
     pub touch: u32,
     /// Its name; empty if it has none.
     pub name: String,
-    /// Whether more samples may follow.
+    /// Whether the touch is still under way.
     pub open: bool,
-    /// Whether its samples outgrew the log's bound and are gone.
+    /// Whether its samples exceeded the limit of the log and were dropped.
     pub lost: bool,
-    /// By sample, whether it came too soon to be learnt from ([`crate::unstable::Downsampling`]); empty if none did.
+    /// By sample, whether it was predicted but not learnt from ([`crate::unstable::Downsampling`]); empty if no sample
+    /// was.
     pub skipped: Vec<bool>,
-    /// Joint positions of all samples in a row, samples × n_joints.
+    /// Joint positions, samples × n_joints, rad or m.
     pub q: Vec<f64>,
-    /// Logged torques, samples × n_joints.
+    /// Logged torques, samples × n_joints, N·m or N.
     pub tau: Vec<f64>,
-    /// Their standard deviations, as many; −1 where a sample has none, and empty if none of them has.
+    /// Standard deviations of the torques, samples × n_joints; [`NO_STD`] for a sample without, empty if no sample has
+    /// any.
     pub tau_std: Vec<f64>,
 }
 
-/// What stands for the standard deviation of a sample that has none.
+/// Marks a sample without standard deviations.
 pub const NO_STD: f64 = -1.0;
 
 impl LoggedTouch {
-    /// Its samples, of so many joints, with times by which the same samples are skipped again.
+    /// Its samples, of `n_joints` joints. Their times are not the logged ones, but such that the same samples are
+    /// skipped.
     pub fn samples(&self, n_joints: usize) -> impl Iterator<Item = Sample> {
         let stds =
             self.tau_std.chunks(n_joints).map(|std| (std[0] != NO_STD).then(|| std.to_vec()));
@@ -58,18 +61,18 @@ impl LoggedTouch {
 #[derive(Debug, Default)]
 pub(super) struct SampleLog {
     touches: Vec<LoggedTouch>,
-    /// Touches begun so far.
+    /// Number of touches begun so far.
     begun: u32,
-    /// Samples of the touch under way.
+    /// Number of samples of the touch under way.
     samples: u32,
-    /// Touches that frames were learnt from.
+    /// Touches from which frames were learnt.
     learnt: HashSet<u32>,
-    /// Those of them whose samples are gone.
+    /// Number of learnt touches whose samples are gone.
     gone: u32,
 }
 
 impl SampleLog {
-    /// The log of a mapper that goes on from these touches, for samples of so many joints.
+    /// The log of a resumed mapper with these touches, for samples of `n_joints` joints.
     pub(super) fn resume(
         touches: Vec<LoggedTouch>,
         (begun, gone): (u32, u32),
@@ -89,22 +92,22 @@ impl SampleLog {
         }
     }
 
-    /// Lets the touch that begins next have this number.
+    /// Sets the number of the next touch.
     pub(super) fn number_next(&mut self, touch: u32) {
         self.begun = touch;
     }
 
-    /// A frame is learnt from.
+    /// Notes that a frame is learnt.
     pub(super) fn learns(&mut self, frame: FrameId) {
         self.learnt.insert(frame.touch);
     }
 
-    /// Touches begun so far.
+    /// Number of touches begun so far.
     pub(super) fn begun(&self) -> u32 {
         self.begun
     }
 
-    /// Touches that the remembered frames are of.
+    /// Number of learnt touches of which frames are remembered.
     pub(super) fn learnt(&self) -> u32 {
         self.learnt.len() as u32
     }
@@ -133,7 +136,7 @@ impl SampleLog {
         let needed = touches_of(remembered);
         self.touches.retain(|touch| {
             let keep = needed.contains(&touch.touch);
-            // What samples that are lost have taught counts already.
+            // Lost touches are counted already.
             self.gone += u32::from(!keep && !touch.lost && self.learnt.contains(&touch.touch));
             keep
         });
@@ -162,7 +165,7 @@ impl SampleLog {
         FrameId { touch: touch.touch, sample: self.samples - 1 }
     }
 
-    /// The earlier touch of which the last one has the first samples, or all.
+    /// An earlier touch whose samples are the first samples, or all, of the last touch.
     pub(super) fn repeated(&self) -> Option<&LoggedTouch> {
         let (last, earlier) = self.touches.split_last()?;
         earlier.iter().find(|touch| {
@@ -172,8 +175,8 @@ impl SampleLog {
 
     /// Drops the oldest touches until the log fits into `limit` bytes; returns those that were dropped.
     ///
-    /// A touch under way that alone outgrows the bound goes on without its samples: it cannot be
-    /// simulated again once the mapper is saved.
+    /// A touch under way that alone exceeds the limit loses its samples: its frames cannot be simulated again once the
+    /// mapper is saved.
     pub(super) fn bound(&mut self, limit: usize) -> Vec<u32> {
         let mut dropped = Vec::new();
         while self.bytes() > limit {
@@ -199,13 +202,13 @@ impl SampleLog {
         numbers * size_of::<f64>()
     }
 
-    /// Whether a touch outgrew the log's bound, so that its frames cannot be simulated again.
+    /// Whether a touch exceeded the limit of the log, so that its frames cannot be simulated again.
     pub(super) fn is_lost(&self, touch: u32) -> bool {
         self.touches.iter().any(|logged| logged.touch == touch && logged.lost)
     }
 
-    /// The touches that these remembered frames need, and the last one if it is still under way: a touch
-    /// that could not be tared is over before it is ended; and how many touches that were learnt from are then gone.
+    /// The touches of these remembered frames, and the last one if it is still under way (a touch without a tare is
+    /// over before it is ended); and the number of learnt touches whose samples are not among them.
     pub(super) fn needed_by(
         &self,
         remembered: &[FrameId],
@@ -225,7 +228,7 @@ impl SampleLog {
     }
 }
 
-/// The touches that frames are of.
+/// The touches to which these frames belong.
 fn touches_of(frames: &[FrameId]) -> HashSet<u32> {
     frames.iter().map(|frame| frame.touch).collect()
 }

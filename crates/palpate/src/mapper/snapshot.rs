@@ -1,4 +1,4 @@
-//! Saving a mapper between two samples, and going on from there.
+//! Saving a mapper between two samples, and continuing it later.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -11,37 +11,36 @@ use crate::estimator::{EstimatorState, FrameId};
 use crate::lattice::{CellId, CellRows};
 use crate::torque::{Observation, ObservationBuilder};
 
-/// A mapper in numbers: enough to continue it, given the robot.
-/// [`Mapper::resume`] checks that they fit together.
+/// Everything that is needed to continue a mapper, apart from the robot. [`Mapper::resume`] checks that it is
+/// consistent.
 #[derive(Debug, Clone)]
 pub struct Snapshot {
     /// Its settings.
     pub config: MapperConfig,
     /// The robot's name and [`Arm::fingerprint`].
     pub robot: (String, u64),
-    /// Joints of its samples.
+    /// Number of joints of its samples.
     pub n_joints: usize,
-    /// Cells by row: those with a prior mean of their own, then the others in the order of first
-    /// contact.
+    /// Cells by row: those with their own prior mean, then the others in the order of first contact.
     pub cells: Vec<CellId>,
-    /// Prior means of the first rows, N/m, if there are any by cell; else empty.
+    /// Prior means of the first rows, N/m; empty without prior means by cell.
     pub prior_means_n_per_m: Vec<f64>,
-    /// The belief.
+    /// State of the estimator.
     pub state: EstimatorState,
-    /// Touches begun so far.
+    /// Number of touches begun so far.
     pub touches: u32,
-    /// Touches with remembered frames, and the one under way.
+    /// Samples of the touches with remembered frames, and of the one under way.
     pub sample_log: Vec<LoggedTouch>,
-    /// Touches that were learnt from and are not in `sample_log` any more.
+    /// Number of learnt touches that are no longer in `sample_log`.
     pub gone: u32,
-    /// Time of the last sample that was learnt from, s, of a touch under way.
+    /// Time of the last learnt sample of a touch under way, s.
     pub learnt_s: Option<f64>,
-    /// How wide bands around its predictions are, if that is known.
+    /// Calibration of the prediction bands, if there is one.
     pub calibration: Option<Calibration>,
 }
 
 impl Mapper {
-    /// Everything needed to go on later as if mapping had never stopped, to the bit.
+    /// Everything needed to continue later as if mapping had never stopped, to the bit.
     pub fn snapshot(&self) -> Snapshot {
         let mut state = self.replays.estimator().state(self.observations.rows().len());
         state.remembered.retain(|frame| !self.log.is_lost(frame.id.touch));
@@ -63,11 +62,11 @@ impl Mapper {
         }
     }
 
-    /// Goes on from a snapshot as if mapping had never stopped.
+    /// Continues from a snapshot as if mapping had never stopped.
     ///
-    /// Replays are made in the background, whatever the policy was ([`Mapper::with_replays`]), and none is
-    /// left to spare time. The remembered frames' contacts are simulated again from the sample log, which costs about as
-    /// much as predicting those touches.
+    /// Replays are made in the background, whatever the policy was ([`Mapper::with_replays`]); replays that were left
+    /// for spare time are dropped. The contacts of the remembered frames are simulated again from the sample log, which
+    /// costs about as much as predicting those touches.
     ///
     /// # Errors
     ///
@@ -107,8 +106,8 @@ impl Mapper {
         Ok(mapper)
     }
 
-    /// The observations of the remembered frames, in their order, from the logged touches; whether the
-    /// last sample was learnt from is found out on the way.
+    /// The observations of the remembered frames, in their order, from the logged touches; also determines whether the
+    /// last sample was learnt from.
     fn simulate_again(
         &mut self,
         sample_log: &[LoggedTouch],

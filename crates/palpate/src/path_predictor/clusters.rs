@@ -1,10 +1,10 @@
 //! Clusters of neighbouring springs, each replaced by one spring in a coarse predictor.
 //!
-//! Displacements of neighbours differ little. So a single spring with the stiffness of all, which rests
-//! in the middle of their stiffness, pushes nearly as they do together. Clusters are blocks of 4³ cells,
-//! or half of one, or half of that, down to single cells: a block is halved as long as it *weighs* more
-//! than a bound, so that no spring adds much more to a prediction than any other. The weight of a cell
-//! is its stiffness and its variance, each relative to the mean over all cells.
+//! Displacements of neighbours differ little. So a single spring with the sum of their stiffness, at their
+//! stiffness-weighted centre, exerts nearly the same force. Clusters are blocks of 4³ cells, halved repeatedly, down to
+//! single cells, as long as their *weight* exceeds a limit: so no spring contributes much more to a prediction than the
+//! others. The weight of a cell is the mean of its stiffness and its variance, each relative to the mean over all
+//! cells.
 
 use std::sync::LazyLock;
 
@@ -14,43 +14,41 @@ use super::springs::Spring;
 use crate::estimator::CellEstimate;
 use crate::lattice::{BRICK_CELLS, Bricks};
 
-/// The weight of a cluster, in average springs, for fast predictions; see
-/// [`crate::Mapper::coarse_path_predictor`].
+/// Largest weight of a cluster, in average cells, for fast predictions; see [`crate::Mapper::coarse_path_predictor`].
 pub const CLUSTER_WEIGHT: f64 = 24.0;
 
-/// The largest block has 2 to the power of this many cells; half of it, of one less.
+/// The largest block has 2^`LARGEST` cells.
 const LARGEST: u32 = 6;
 
-/// A cell of a brick that the field knows.
+/// A known cell of a brick.
 #[derive(Debug, Clone, Copy)]
 struct Known {
-    /// Its number in the brick, if cells come block by block: [`place`] says where that is.
+    /// Its number in the brick in block order (see [`place`]).
     number: usize,
     spring: Spring,
-    /// What it weighs, with all before it in the brick.
+    /// Weight of this cell and of all before it in the brick.
     weight_up_to: f64,
 }
 
 /// How the cells of a field are grouped.
 #[derive(Debug, Clone)]
 pub(super) struct Clusters {
-    /// What a group may weigh.
+    /// Largest weight of a group.
     most: f64,
-    /// What a cell weighs by its stiffness (N/m) and by its variance ((N/m)²).
+    /// Inverse means of stiffness, 1/(N/m), and of variance, 1/(N/m)², over all cells.
     per_stiffness: f64,
     per_variance: f64,
 }
 
-/// The number inside its brick of every cell that comes block by block.
+/// For the cells of a brick in block order, their numbers inside the brick as in [`Bricks`].
 static INSIDE: LazyLock<[usize; BRICK_CELLS]> = LazyLock::new(|| std::array::from_fn(inside));
 
-/// The place of every such cell in its brick.
+/// For the cells of a brick in block order, their places in the brick.
 static PLACES: LazyLock<[Vector3<f64>; BRICK_CELLS]> =
     LazyLock::new(|| std::array::from_fn(|n| place(n).map(|n| n as f64).into()));
 
 impl Clusters {
-    /// Clusters none of which weighs more than `most` cells of the mean of these, unless it is a
-    /// single one.
+    /// Clusters with a weight of at most `most` average cells, except for single cells.
     pub(super) fn new(cells: &[CellEstimate], most: f64) -> Self {
         let (mut stiffness, mut variance) = (0.0, 0.0);
         for cell in cells {
@@ -61,8 +59,8 @@ impl Clusters {
         Self { most, per_stiffness: per(stiffness), per_variance: per(variance) }
     }
 
-    /// Lists the spring that stands for each group of the cells of a brick, with its number there;
-    /// `known` has what is known of each by that number.
+    /// Calls `list` for each group of the cells of a brick, with the spring that represents it and the number of its
+    /// cell inside the brick; `known` gives the spring of a known cell by that number.
     ///
     /// Cost: some 30 ns a cell.
     pub(super) fn leaders(
@@ -84,19 +82,19 @@ impl Clusters {
     }
 }
 
-/// The number that the n-th cell has inside its brick elsewhere.
+/// Number inside the brick, as in [`Bricks`], of the n-th cell in block order.
 fn inside(n: usize) -> usize {
     let (_, inside) = Bricks::<()>::locate(place(n).map(|n| n as u32));
     inside
 }
 
-/// Where the n-th cell lies in its brick: its bits are those of x, y and z in turn, so that the
-/// cells of a block come in a row.
+/// Place in the brick of the n-th cell in *block order*: the bits of n are those of x, y and z in turn, so that the
+/// cells of a block have consecutive numbers.
 fn place(n: usize) -> [usize; 3] {
     std::array::from_fn(|axis| (0..3).map(|bit| (n >> (3 * bit + axis) & 1) << bit).sum())
 }
 
-/// Calls `group` with every group among the cells of a brick, which come by number.
+/// Calls `group` with every group among the cells of a brick, which are sorted by number.
 fn divide(cells: &[Known], most: f64, group: &mut impl FnMut(&[Known])) {
     let mut before = 0.0;
     for block in cells.chunk_by(|a, b| a.number >> LARGEST == b.number >> LARGEST) {
@@ -104,8 +102,8 @@ fn divide(cells: &[Known], most: f64, group: &mut impl FnMut(&[Known])) {
     }
 }
 
-/// Calls `group` with every group of a block of two to the power of `size` cells, before which the
-/// brick weighs so much; returns what it weighs with them.
+/// Calls `group` with every group of a block of 2^`size` cells. `before` is the weight of all cells of the brick before
+/// the block; returns the weight including the block.
 fn halve(
     cells: &[Known],
     before: f64,
@@ -125,8 +123,7 @@ fn halve(
     last.weight_up_to
 }
 
-/// The spring that stands for a group, in the middle of their stiffness, and the number of the cell
-/// nearest to that.
+/// The spring that represents a group, at its stiffness-weighted centre, and the number of the nearest cell.
 fn leader(group: &[Known]) -> (usize, Spring) {
     if let [single] = group {
         return (single.number, single.spring);
@@ -165,7 +162,7 @@ mod tests {
         rows
     }
 
-    /// The springs, each with its place, that stand for cells with this stiffness and variance.
+    /// The springs, each with its place, that represent cells with this stiffness and variance.
     fn few(
         stiffness_n_per_m: impl Fn([u32; 3]) -> f64,
         variance: impl Fn([u32; 3]) -> f64,
@@ -213,7 +210,7 @@ mod tests {
         let stiffness = |[i, _, _]: [u32; 3]| if i < BRICK_EDGE { 100.0 } else { 1e-3 };
         let springs = few(stiffness, |_| 1.0, 4.1);
         let stiff = springs.iter().filter(|([i, _, _], _)| *i < BRICK_EDGE).count();
-        // Stiff cells weigh 1.5, the others 0.5: two and eight of them weigh no more than may be.
+        // Stiff cells weigh 1.5, the others 0.5: groups of two and of eight are within the limit of 4.1.
         assert_eq!((stiff, springs.len() - stiff), (BRICK_CELLS / 2, BRICK_CELLS / 8));
     }
 

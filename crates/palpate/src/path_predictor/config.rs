@@ -10,19 +10,19 @@ use crate::setting::SettingError;
 #[serde(default, deny_unknown_fields)]
 #[non_exhaustive]
 pub struct PathConfig {
-    /// The farthest that a point of the arm goes from one stop to the next, in cells; 0 stops at
-    /// every point.
+    /// Largest motion of a point of the arm from one stop to the next, in cells; with 0, every point is a stop.
     pub resolution_cells: f64,
-    /// The farthest that a point of the arm may be from where it was in the last sample of a touch
-    /// for the path to go on from there, in cells.
+    /// Largest distance, in cells, between the first point of the path and the position of the arm in the last sample
+    /// of a touch, for the path to continue from the contacts there.
     pub start_cells: f64,
-    /// Whether what the links cover at the first point of a path that does not go on counts as pushed out to the
-    /// nearest surface, without friction; otherwise the contact model says what it is, mostly empty space.
+    /// Whether points that the links cover at the start of a path count as pushed out to the nearest surface, without
+    /// friction, if the path does not continue from the contacts of the arm. Otherwise
+    /// [`crate::ContactConfig::known_empty`] applies: by default they are empty space.
     pub inside: bool,
 }
 
 impl PathConfig {
-    /// Stops every `resolution_cells`; goes on from where the arm is if no farther than `start_cells`.
+    /// Settings with these values, with `inside` false.
     pub const fn new(resolution_cells: f64, start_cells: f64) -> Self {
         Self { resolution_cells, start_cells, inside: false }
     }
@@ -46,11 +46,12 @@ impl Default for PathConfig {
     }
 }
 
-/// Points of a path at most.
+/// Largest number of points of a path.
 pub const MAX_POINTS: usize = 100_000;
 
-/// Stops and sub-steps of a path at most, each: a few seconds.
+/// Largest number of stops, and of sub-steps, of a path; they take a few seconds.
 pub const MAX_MOTIONS: usize = 10_000;
 
-/// Waypoints (stops and sub-steps together) at most of a path that bends an elastic body: some ten seconds.
+/// Largest number of waypoints (stops and sub-steps together) of a path that bends an elastic body; they take some ten
+/// seconds.
 pub const MAX_BODY_MOTIONS: usize = 2_000;

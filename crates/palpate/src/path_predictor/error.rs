@@ -13,16 +13,16 @@ pub enum PathError {
     /// A setting outside its range.
     #[error(transparent)]
     Setting(#[from] SettingError),
-    /// Nothing to predict.
+    /// A path without points.
     #[error("the path has no points; give at least one, of a position for each joint")]
     Empty,
     /// More points than one path may have.
     #[error("the path has {found} points, more than {MAX_POINTS}; ask about it in pieces")]
     TooManyPoints { found: usize },
-    /// Joint positions that the robot cannot take.
+    /// Invalid joint positions.
     #[error("point {point} of the path: {reason}")]
     Point { point: usize, reason: RobotError },
-    /// A motion too long to be one.
+    /// A motion that is too long between two points.
     #[error(
         "joint `{joint}` jumps from {from} to {to} on the way to point {point} of the path; so \
          long a motion cannot be followed: are there points missing, or is it in another unit?"

@@ -1,9 +1,8 @@
 //! Wrenches of the springs on the links at the stops of a path, and torques between two stops.
 //!
-//! A spring at rest point p, displaced by u, pushes its link with the wrench `−K w`,
-//! `w = (u, p × u)` about the world's origin ([`crate::torque`]). Sums over the springs of a link, of `K w`,
-//! `σ² w wᵀ` and `K² w wᵀ`, are all that is needed: its spatial Jacobian J makes torques and variances of
-//! them.
+//! A spring at rest point p, displaced by u, pushes its link with the wrench `−K w`, `w = (u, p × u)` about the world's
+//! origin ([`crate::torque`]). Only the sums of `K w`, `σ² w wᵀ` and `K² w wᵀ` over the springs of a link are needed:
+//! the spatial Jacobian J of the link converts them to torques and variances.
 
 use nalgebra::{DVector, Matrix6, Point3, Vector6};
 
@@ -12,23 +11,23 @@ use super::springs::Spring;
 use crate::contact::Displaced;
 use crate::robot::{LinkId, Poses, Robot};
 
-/// The push of all springs on one link at one stop.
+/// Sums over all springs on one link at one stop.
 #[derive(Debug, Clone)]
 struct Push {
     /// `Σ K w`: force, N, and moment about the world's origin, N·m, on the springs.
     wrench: Vector6<f64>,
-    /// `Σ σ² w wᵀ`, of which the lower triangle.
+    /// `Σ σ² w wᵀ`, lower triangle only.
     covariance: Matrix6<f64>,
-    /// `Σ K² w wᵀ`, likewise.
+    /// `Σ K² w wᵀ`, lower triangle only.
     squares: Matrix6<f64>,
 }
 
-/// The pushes of some of the springs on all links, at the stops of a path.
+/// Sums over some of the springs, for all links and all stops of a path.
 #[derive(Debug, Clone)]
 pub(super) struct LinkWrenches {
     /// By link, and by stop; empty for a link that touches nothing.
     pushes: Vec<Vec<Push>>,
-    /// Cells touched, and those of them that are known, by stop; an estimate in a coarse predictor.
+    /// Number of touched cells, and of known ones among them, by stop; estimates in a coarse predictor.
     counts: Vec<[f64; 2]>,
 }
 
@@ -39,7 +38,7 @@ impl Push {
 }
 
 impl LinkWrenches {
-    /// Nothing, at so many stops, by so many links.
+    /// Zero sums for `stops` stops and `links` links.
     pub(super) fn nothing(stops: usize, links: usize) -> Self {
         Self { pushes: vec![Vec::new(); links], counts: vec![[0.0; 2]; stops] }
     }
@@ -71,7 +70,7 @@ impl LinkWrenches {
         self.counts[stop][1] += if spring.is_known { spring.stands_for } else { 0.0 };
     }
 
-    /// Adds the pushes of other springs at the same stops.
+    /// Adds the sums over other springs at the same stops.
     pub(super) fn merge(&mut self, other: Self) {
         for (ours, theirs) in self.pushes.iter_mut().zip(other.pushes) {
             if ours.is_empty() {

@@ -1,8 +1,8 @@
-//! What torque a planned motion would meet.
+//! Predicts the torque along a planned motion.
 //!
-//! [`crate::Mapper::path_predictor`] copies the field as it is at that moment, and the arm with its
-//! contacts, into a [`PathPredictor`]. The copy can be used on another thread while the mapper goes on:
-//! predicting changes nothing of the mapper, and what the mapper learns meanwhile changes no prediction.
+//! [`crate::Mapper::path_predictor`] copies the present field, and the arm with its contacts, into a [`PathPredictor`].
+//! The copy can be used on another thread while the mapper goes on: predictions do not change the mapper, and what the
+//! mapper learns later does not change the predictions.
 //!
 //! | here                      | value                                    | shape    | unit |
 //! |---------------------------|------------------------------------------|----------|------|
@@ -12,47 +12,45 @@
 //!
 //! # Where a path starts
 //!
-//! Contacts have a history: a link still holds what it has pushed aside. A path that starts where the
-//! arm is in a touch under way ([`PathConfig::start_cells`]) continues from the contacts there. Any
-//! other path starts free of contact, as a touch does: what the links cover at its first point counts as
-//! empty space ([`ContactConfig::known_empty`]), so it should begin outside the object. A planner that
-//! asks about a posture, or a piece of a path, inside the object sets [`PathConfig::inside`]: how the arm
-//! got there is unknown, and what it covers counts as pushed out to the nearest surface.
+//! Contacts depend on the motion before. A path that starts at the present position of the arm in a touch under way
+//! ([`PathConfig::start_cells`]) continues from the contacts there. Any other path starts free of contact, as a touch
+//! does: points that the links cover at its first point count as empty space ([`ContactConfig::known_empty`]), so it
+//! should begin outside the object. To predict a posture, or a part of a path, inside the object, set
+//! [`PathConfig::inside`]: how the arm got there is unknown, and the points that it covers count as pushed out to the
+//! nearest surface.
 //!
 //! # Stops
 //!
-//! The contacts are evaluated at *stops*, at most [`PathConfig::resolution_cells`] apart; between two
-//! stops torques are interpolated by the path length. The first and the last point are stops, and so is
-//! every point where the arm turns round, because friction changes its direction there. With a
-//! resolution of 0 all points are stops, and the prediction is that of [`crate::Predictor`] up to
-//! rounding.
+//! The contacts are evaluated at *stops*, at most [`PathConfig::resolution_cells`] apart; between two stops torques are
+//! interpolated by the path length. The first and the last point are stops, and so is every point where the arm
+//! reverses, because friction changes its direction there. With a resolution of 0 all points are stops, and the
+//! prediction is that of [`crate::Predictor`] up to rounding.
 //!
 //! # Coarse predictors
 //!
-//! The trajectory is known, and no point's contact depends on another point. So points are followed
-//! alone, in chunks for all threads that have time, and cost little until a link is near
-//! ([`crate::contact`]). One point can also stand for others:
-//! [`crate::Mapper::coarse_path_predictor`] has one spring for a cluster of neighbours, with the
-//! stiffness of all; clusters are smallest where cells are stiff or uncertain. With [`CLUSTER_WEIGHT`]
-//! and a stop every cell (the default), that changed torques of touches of three simulated plants by 1
-//! to 6 % from path to path, and their standard deviations by 5 to 18 %, for fields that had not learnt
-//! those touches; for fields that had, by 1 to 8 %, once by 15 %, and by 3 to 23 %. The field itself is
-//! off by 33 %.
+//! The trajectory is known, and the contact of a point does not depend on other points. So points are followed
+//! independently, in chunks for all free threads, and take little computation until a link is near
+//! ([`crate::contact`]). One point can also represent others: [`crate::Mapper::coarse_path_predictor`] has one spring
+//! for a cluster of neighbours, with the sum of their stiffness; clusters are smallest where cells are stiff or
+//! uncertain. Compared with all springs, [`CLUSTER_WEIGHT`] and a stop every cell (the default) changed the torques of
+//! touches of three simulated plants by 1 to 6 % from path to path, and their standard deviations by 5 to 18 %, for
+//! fields that had not learnt those touches. For fields that had, the changes were 1 to 8 % (once 15 %), and 3 to 23 %.
+//! The error of the field itself is 33 %.
 //!
 //! # Elastic bodies
 //!
-//! With [`PathPredictor::with_body`] a path bends an [`ElasticModel`] as well, waypoint by waypoint, as it is
-//! bent now if the path goes on from there. A path has no times: contacts creep as at the speed of the
-//! touches. The springs beside the body then have the stiffness [`ElasticModel::spring_n_per_m`]; standard deviations
-//! stay those of the field.
+//! With [`PathPredictor::with_body`] a path also bends an [`ElasticModel`], waypoint by waypoint, from its present
+//! shape if the path continues from the present contacts. A path has no times: creep of contacts is computed for the
+//! speed of the touches. The springs beside the body then have the stiffness [`ElasticModel::spring_n_per_m`]; standard
+//! deviations stay those of the field.
 //!
 //! # What the standard deviation means
 //!
-//! It is the torque's standard deviation due to the springs' own, spring by spring ([`crate::map`] says
-//! what those mean). Untouched cells have the prior's, so it is large where the field knows nothing and
-//! small where much was learnt. Sensor noise and errors of the contact model are not in it, and the
-//! springs count as independent, though only the sum of springs that are always pressed together is
-//! known. Use it to rank paths by how well their resistance is known, not as a bound on the error.
+//! It is the standard deviation of the torque that follows from those of the springs, taken as independent
+//! ([`crate::map`] explains what these mean). Untouched cells have that of the prior, so it is large where nothing was
+//! learnt and small where much was learnt. It does not include noise of the sensors and errors of the contact model. Of
+//! springs that are always pressed together only the sum is known, so they are not really independent. Use it to rank
+//! paths by how well their torque is known, not as a bound on the error.
 
 mod clusters;
 mod config;
@@ -86,32 +84,32 @@ use crate::lattice::CellRows;
 use crate::setting::SettingError;
 use crate::tracker::Tracker;
 
-/// A field at one moment and the arm with its contacts, to predict the torque of motions.
+/// A copy of a field, and of the arm with its contacts, to predict the torque of motions.
 #[derive(Debug, Clone)]
 pub struct PathPredictor {
     arm: Arc<Arm>,
     checker: PathChecker,
     contact: ContactConfig,
-    /// Joint positions of the arm in a touch, n_joints, and its contacts there.
+    /// In a touch: present joint positions of the arm, n_joints, and contacts.
     current_state: Option<(Vec<f64>, Arc<ContactState>)>,
     springs: Arc<Springs>,
-    /// The object as an elastic body, as the arm bends it where it is.
+    /// The object as an elastic body, bent as at the present position of the arm.
     body: Option<ElasticTorque>,
-    /// Of the springs alone.
+    /// Calibration of bands, for the springs alone.
     calibration: Option<Arc<Calibration>>,
 }
 
-/// Chunks of the points of a short path; always as many, so that sums have the same order.
+/// Number of chunks of points for a short path; it is fixed, so that sums have a fixed order.
 const CHUNKS: usize = 16;
 
-/// Chunks of a long path at least.
+/// Least number of chunks, for a long path.
 const FEW_CHUNKS: usize = 4;
 
-/// Stops above which there are fewer chunks, since each keeps sums for every stop.
+/// Number of stops above which there are fewer chunks, since each chunk keeps sums for every stop.
 const FEW_STOPS: usize = 256;
 
 impl PathPredictor {
-    /// A predictor for the arm of a tracker, where it is.
+    /// A predictor for the arm of a tracker, at its present position.
     pub(crate) fn new(tracker: &Tracker, contact: ContactConfig, springs: Springs) -> Self {
         let spacing_m = springs.lattice().spacing_m();
         Self {
@@ -127,11 +125,11 @@ impl PathPredictor {
         }
     }
 
-    /// A predictor by a field alone, for an arm, which need not be the one that learnt it: no path goes on. There are no
-    /// bands for an arm of another number of joints.
+    /// A predictor from a field alone, for an arm that may be another than the one it was learnt with. All paths start
+    /// free of contact. For an arm with another number of joints there are no bands.
     ///
-    /// `untouched_std_n_per_m` is the standard deviation of cells that the field does not know, N/m; with a
-    /// `cluster_weight` above 1 springs stand for clusters, as in [`crate::Mapper::coarse_path_predictor`].
+    /// `untouched_std_n_per_m` is the standard deviation of cells that are not in the field, N/m; with a
+    /// `cluster_weight` above 1 springs represent clusters, as in [`crate::Mapper::coarse_path_predictor`].
     ///
     /// # Errors
     ///
@@ -159,14 +157,14 @@ impl PathPredictor {
         })
     }
 
-    /// The same, of a field with bands.
+    /// Sets the calibration of bands.
     #[must_use]
     pub(crate) fn calibrated(mut self, calibration: Option<Calibration>) -> Self {
         self.calibration = calibration.map(Arc::new);
         self
     }
 
-    /// The same with an elastic body, as the arm bends it where it is.
+    /// Adds an elastic body, bent as at the present position of the arm.
     #[must_use]
     pub fn with_body(mut self, model: &ElasticModel, body: ElasticTorque) -> Self {
         Arc::make_mut(&mut self.springs).add_residual(model);
@@ -176,16 +174,16 @@ impl PathPredictor {
         self
     }
 
-    /// Positions that a point of a path has.
+    /// Number of joint positions of each point of a path.
     pub fn n_joints(&self) -> usize {
         self.checker.n_joints()
     }
 
-    /// Predicts the torque along a path; the predictor stays as it is.
+    /// Predicts the torque along a path, without changing the predictor.
     ///
-    /// `path` has a row of n_joints positions (rad, m where prismatic) a point. Joints go straight
-    /// from one to the next, angles the shorter way round. As many threads take part as rayon has
-    /// and as have time; sums have the same order however many that are.
+    /// `path` has n_joints positions (rad, m where prismatic) for each point. Joints move linearly from one point to
+    /// the next, angles the shorter way round. Free threads of rayon take part; sums have the same order for any number
+    /// of threads.
     ///
     /// # Errors
     ///
@@ -198,9 +196,9 @@ impl PathPredictor {
         self.answer(&self.checker.check(path, config)?)
     }
 
-    /// [`PathPredictor::ask`] for many paths, on all of rayon's threads; to the bit what it says of each.
+    /// [`PathPredictor::ask`] for many paths, on all of rayon's threads; the results are equal to the bit.
     ///
-    /// Every path asks `stopped` first, so that somebody can end it: the result is then `None`.
+    /// `stopped` is called before every path; if it returns true, the computation ends and the result is `None`.
     ///
     /// # Errors
     ///
@@ -220,11 +218,11 @@ impl PathPredictor {
         numbered.map(|(number, answer)| answer.map_err(|error| (number, error))).collect()
     }
 
-    /// [`PathPredictor::ask`] for a path that a checker of the same mapper has checked.
+    /// [`PathPredictor::ask`] for a path that was checked by a [`PathChecker`] of the same mapper.
     ///
     /// # Errors
     ///
-    /// If a motion between two stops, or from where the arm is to the first, is too long.
+    /// If a motion between two stops, or from the present position to the first stop, is too long.
     ///
     /// # Panics
     ///
@@ -281,7 +279,7 @@ impl PathPredictor {
         torques
     }
 
-    /// Whether a path starts where the arm is.
+    /// Whether a path starts close enough to the present position of the arm.
     fn starts_at(
         &self,
         (q, contact_state): &(Vec<f64>, Arc<ContactState>),
@@ -292,7 +290,7 @@ impl PathPredictor {
         path_length_m.is_ok_and(|path_length_m| path_length_m <= path.start_m)
     }
 
-    /// The waypoints of a path, from where the arm is or from the first stop.
+    /// The waypoints of a path, starting at `from`, the present position, or else at the first stop.
     fn waypoints(
         &self,
         path: &CheckedPath<'_>,
@@ -364,7 +362,7 @@ impl PathPredictor {
     }
 }
 
-/// The waypoints that the arm goes through.
+/// The waypoints of the arm.
 struct Waypoints {
     /// The links' poses, by waypoint and by link.
     poses: Vec<Vec<Isometry3<f64>>>,
@@ -373,7 +371,7 @@ struct Waypoints {
 }
 
 impl Waypoints {
-    /// Adds a waypoint, unless the arm is there.
+    /// Adds a waypoint, unless the arm is already there.
     fn go(&mut self, poses: &[Isometry3<f64>]) {
         if self.poses.last().is_none_or(|last| last != poses) {
             self.poses.push(poses.to_vec());

@@ -1,4 +1,4 @@
-//! Work in chunks, shared by all threads that have time.
+//! Work in chunks, shared by all free threads.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
@@ -6,16 +6,16 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::thread;
 
-/// Chunks that wait for whoever is free.
+/// Chunks that wait for a free thread.
 struct Job<W> {
     chunks: usize,
-    /// The next that nobody has begun.
+    /// The next chunk that no thread has begun.
     next: AtomicUsize,
     work: W,
 }
 
 impl<T, W: Fn(usize) -> T> Job<W> {
-    /// Works out chunks until all have been begun.
+    /// Processes chunks until all have been begun.
     fn help(&self, done: &Sender<(usize, thread::Result<T>)>) {
         loop {
             let chunk = self.next.fetch_add(1, Ordering::Relaxed);
@@ -35,7 +35,7 @@ impl<T, W: Fn(usize) -> T> Job<W> {
 ///
 /// # Panics
 ///
-/// With whatever a chunk panics with.
+/// With the panic of a chunk.
 pub(super) fn in_chunks<T: Send + 'static>(
     chunks: usize,
     work: impl Fn(usize) -> T + Send + Sync + 'static,

@@ -4,19 +4,19 @@ use super::{MAX_MOTIONS, MAX_POINTS, PathConfig, PathError};
 use crate::motion::{Substeps, Waypoint};
 use crate::robot::Poses;
 
-/// The share of a resolution that the arm must go back for its farthest point to be a stop; less
-/// may be a sensor's noise.
+/// Share of the resolution by which the arm must move back for its farthest point to become a stop; smaller motions may
+/// be noise of the sensors.
 const TURNS_ROUND: f64 = 0.03;
 
-/// Checks paths and finds their stops; knows no field.
+/// Checks paths and finds their stops; needs no field.
 #[derive(Debug, Clone)]
 pub struct PathChecker {
     substeps: Substeps,
-    /// Of the lattice's points, m.
+    /// Spacing of the lattice, m.
     spacing_m: f64,
 }
 
-/// A path that can be followed.
+/// A path that has passed the checks.
 #[derive(Debug)]
 pub struct CheckedPath<'a> {
     q: Vec<&'a [f64]>,
@@ -25,8 +25,8 @@ pub struct CheckedPath<'a> {
     along_m: Vec<f64>,
     /// The points where the arm stops.
     pub(super) stops: Vec<usize>,
-    /// The largest distance of its first point from where the arm is for the path to continue from the
-    /// arm's contacts, m.
+    /// Largest distance of its first point from the present position of the arm for the path to continue from the
+    /// contacts there, m.
     pub(super) start_m: f64,
     /// [`PathConfig::inside`].
     pub(super) inside: bool,
@@ -37,13 +37,13 @@ impl PathChecker {
         Self { substeps, spacing_m }
     }
 
-    /// Positions that a point of a path has.
+    /// Number of joint positions of each point of a path.
     pub fn n_joints(&self) -> usize {
         self.substeps.robot().n_joints()
     }
 
-    /// The first point of a path in which a joint is beyond its limits by more than `margin`, rad or m: its number, the
-    /// joint's, and the limits.
+    /// The first point of a path in which a joint exceeds its limits by more than `margin`, rad or m: the number of the
+    /// point, the number of the joint, and the limits.
     pub fn beyond_limits<Q: AsRef<[f64]>>(
         &self,
         path: &[Q],
@@ -65,10 +65,10 @@ impl PathChecker {
         &self.substeps
     }
 
-    /// Checks a path: a row of n_joints positions (rad, m where prismatic) a point. Joints go
-    /// straight from one to the next, angles the shorter way round.
+    /// Checks a path: n_joints positions (rad, m where prismatic) for each point. Joints move linearly from one point
+    /// to the next, angles the shorter way round.
     ///
-    /// Cost: some 3 µs a point.
+    /// Cost: some 3 µs for each point.
     ///
     /// # Errors
     ///
@@ -91,7 +91,7 @@ impl PathChecker {
 }
 
 impl<'a> CheckedPath<'a> {
-    /// A path without stops.
+    /// A path whose stops are not determined yet.
     fn new<Q: AsRef<[f64]>>(
         substeps: &Substeps,
         path: &'a [Q],
@@ -122,7 +122,7 @@ impl<'a> CheckedPath<'a> {
         Ok(Self { q, poses, along_m, stops: Vec::new(), start_m, inside })
     }
 
-    /// Where the arm is at a point.
+    /// Joint positions and poses of the arm at a point.
     pub(super) fn at(&self, point: usize) -> Waypoint<'_> {
         (self.q[point], &self.poses[point].world_from_link)
     }
@@ -131,7 +131,7 @@ impl<'a> CheckedPath<'a> {
         &self.poses[point]
     }
 
-    /// The share (0 to 1) of the path length between two points up to a third.
+    /// Where a point is on the way between two others, as a share (0 to 1) of the path length.
     pub(super) fn part(&self, point: usize, [from, to]: [usize; 2]) -> f64 {
         let path_length_m = self.along_m[to] - self.along_m[from];
         if path_length_m > 0.0 {
@@ -141,7 +141,7 @@ impl<'a> CheckedPath<'a> {
         }
     }
 
-    /// Where the arm must stop so that it goes no further than that between two stops.
+    /// The stops, between which the arm moves by at most `resolution_m` where points are close enough.
     fn find_stops(&self, substeps: &Substeps, resolution_m: f64) -> Vec<usize> {
         let last = self.q.len() - 1;
         if resolution_m == 0.0 {

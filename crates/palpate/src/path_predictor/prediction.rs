@@ -1,4 +1,4 @@
-//! What is said of a path.
+//! The prediction along a path.
 
 use std::sync::Arc;
 
@@ -12,13 +12,13 @@ use crate::calibration::Calibration;
 pub struct PathPoint {
     /// τ̂: external torque, n_joints, N·m.
     pub torque: DVector<f64>,
-    /// Standard deviation of that, n_joints, N·m; a ranking of paths, not a bound on the error.
+    /// Standard deviation of τ̂, n_joints, N·m; use it to rank paths, not as a bound on the error.
     pub torque_std: DVector<f64>,
     /// Root of the sum of squares of the springs' torques, n_joints, N·m.
     pub torque_rss: DVector<f64>,
-    /// Points of the lattice touched.
+    /// Number of touched points of the lattice.
     pub contacts: usize,
-    /// Those of them that were touched when the field was learnt.
+    /// Number of these points that were touched when the field was learnt.
     pub known: usize,
 }
 
@@ -30,13 +30,13 @@ pub struct PathPrediction {
     pub points: Vec<PathPoint>,
     /// Whether the path continued from the arm's contacts, rather than free of contact.
     pub goes_on: bool,
-    /// Number of stops; torques of the other points are interpolated between theirs.
+    /// Number of stops; torques at the other points are interpolated.
     pub stops: usize,
-    /// How wide bands around the torques are, if the field is calibrated.
+    /// Calibration of the prediction bands, if the field has one.
     pub calibration: Option<Arc<Calibration>>,
 }
 
-/// A half-width at a level, of torque, spread and contacts.
+/// Computes a half-width from level, torque, spread and contacts.
 type HalfWidth = fn(&Calibration, f64, &[f64], &[f64], [usize; 2]) -> Option<DVector<f64>>;
 
 impl PathPrediction {
@@ -46,7 +46,8 @@ impl PathPrediction {
         self.half_widths(level, Calibration::half_width)
     }
 
-    /// The same of the band that holds the largest torque of the path ([`Calibration::peak_half_width`]).
+    /// Half-widths of the bands for the largest torque of the path ([`Calibration::peak_half_width`]), n_joints for
+    /// each point, N·m.
     pub fn peak_half_width(&self, level: f64) -> Option<Vec<DVector<f64>>> {
         self.half_widths(level, Calibration::peak_half_width)
     }

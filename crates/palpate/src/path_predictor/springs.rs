@@ -1,8 +1,7 @@
 //! The springs of a prediction, brick by brick.
 //!
-//! A spring is one cell, or stands for several: for a cluster of known neighbours
-//! ([`super::clusters`]), or for a block of untouched cells. The mapper only copies the estimates of its
-//! cells; the predictor forms clusters near the path.
+//! A spring represents one cell or several: a cluster of known neighbours ([`super::clusters`]), or a block of
+//! untouched cells. The mapper only copies the estimates of its cells; the predictor forms clusters near the path.
 
 use std::sync::OnceLock;
 
@@ -13,24 +12,24 @@ use crate::elastic::ElasticModel;
 use crate::estimator::{CellEstimate, Estimator};
 use crate::lattice::{BRICK_CELLS, BRICK_EDGE, Bricks, CellRows, Lattice, RowsOfBricks};
 
-/// A spring.
+/// A spring that represents one or several cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Spring {
-    /// K, N/m; the sum over the cells that it stands for.
+    /// K, N/m: sum over its cells.
     pub(super) stiffness_n_per_m: f64,
-    /// Its variance, (N/m)²; the sum likewise.
+    /// Variance of K, (N/m)²: sum over its cells.
     pub(super) variance: f64,
-    /// K², (N/m)²; the sum likewise.
+    /// K², (N/m)²: sum of the squares over its cells.
     pub(super) square: f64,
-    /// Number of cells that it stands for.
+    /// Number of its cells.
     pub(super) stands_for: f64,
     /// Whether its cell was touched when the field was learnt.
     pub(super) is_known: bool,
-    /// From the point of its cell to where it rests, in cells.
+    /// Its rest point relative to that of the cell where it is listed, in cells.
     pub(super) offset: Vector3<f64>,
 }
 
-/// Edge of a block of untouched cells, for all of which one spring stands in a coarse predictor.
+/// Edge of a block of untouched cells that one spring represents in a coarse predictor, in cells.
 const EDGE: u32 = 4;
 
 /// The springs of a field at one moment.
@@ -40,7 +39,7 @@ pub(crate) struct Springs {
     rows: RowsOfBricks,
     /// Estimates of the cells, by row.
     known: Vec<CellEstimate>,
-    /// The largest weight of a cluster, in average springs; up to 1, there are no clusters.
+    /// Largest weight of a cluster, in average cells; with 1 or less, there are no clusters.
     cluster_weight: f64,
     /// The clusters, formed at the first query.
     groups: OnceLock<Clusters>,
@@ -63,7 +62,7 @@ impl From<CellEstimate> for Spring {
 }
 
 impl Spring {
-    /// A spring that stands for so many like this one.
+    /// A spring that represents `stands_for` springs like this one.
     fn times(self, stands_for: f64) -> Self {
         Self {
             stiffness_n_per_m: self.stiffness_n_per_m * stands_for,
@@ -84,7 +83,7 @@ impl Springs {
         Self::of(rows, known, other, cluster_weight)
     }
 
-    /// The springs of cells with these estimates, by row, and with one for all other cells.
+    /// The springs of cells with these estimates, by row, and with the estimate `other` for all other cells.
     pub(super) fn of(
         rows: &CellRows,
         known: Vec<CellEstimate>,
@@ -97,8 +96,8 @@ impl Springs {
         Self { lattice, rows, known, cluster_weight, groups: OnceLock::new(), other, edge }
     }
 
-    /// Gives every spring the stiffness that it has beside an elastic body. Cells that only the body's own,
-    /// thinned samples have met have no row here, and stay as untouched ones.
+    /// Sets the stiffness of every spring to that beside an elastic body. Cells that were touched only in the
+    /// downsampled touches from which the body was learnt have no row here, and stay untouched cells.
     pub(super) fn add_residual(&mut self, model: &ElasticModel) {
         let of_untouched = model.untouched_residual_n_per_m;
         let mut residual = vec![of_untouched; self.known.len()];
@@ -123,7 +122,7 @@ impl Springs {
         &self.lattice
     }
 
-    /// Whether springs stand for clusters.
+    /// Whether springs represent clusters.
     pub(super) fn are_clusters(&self) -> bool {
         self.edge > 1
     }
@@ -134,7 +133,7 @@ impl Springs {
         self.are_clusters().then(|| self.groups.get_or_init(groups))
     }
 
-    /// The springs of a brick, by its first place, each with its place in the lattice.
+    /// The springs of the brick whose first place is `low`, each with its place in the lattice.
     pub(super) fn of_brick(&self, low: [u32; 3]) -> Vec<([u32; 3], Spring)> {
         let rows = self.rows.get(low.map(|n| n / BRICK_EDGE));
         let known = |inside: usize| {
@@ -160,13 +159,13 @@ impl Springs {
     }
 }
 
-/// The place in the lattice of a place in a brick.
+/// The place in the lattice of a cell, given by its number inside a brick.
 fn place(low: [u32; 3], inside: usize) -> [u32; 3] {
     let (inside, n) = (inside as u32, BRICK_EDGE);
     [low[0] + inside % n, low[1] + inside / n % n, low[2] + inside / (n * n)]
 }
 
-/// The cells that stand for the blocks of a brick, by its first place.
+/// The cells that represent the blocks of the brick whose first place is `low`.
 fn representatives(low: [u32; 3], edge: u32) -> impl Iterator<Item = [u32; 3]> {
     let n = BRICK_EDGE / edge;
     (0..n.pow(3)).map(move |block| {
@@ -175,10 +174,10 @@ fn representatives(low: [u32; 3], edge: u32) -> impl Iterator<Item = [u32; 3]> {
     })
 }
 
-/// The cell that stands for those of its block.
+/// The cell that represents a block.
 ///
-/// It lies elsewhere in every block, so that a flat face of a link, which mostly lies along an
-/// axis, meets as many of them wherever it is.
+/// Its place inside the block differs from block to block, so that a flat face of a link, which mostly is parallel to
+/// an axis, covers about the same number of such cells wherever it is.
 fn representative([i, j, k]: [u32; 3], edge: u32) -> [u32; 3] {
     let [a, b, c] = [i, j, k].map(|n| n % edge);
     let inside = [b + 2 * c, c + 2 * a, a + 2 * b];
@@ -192,7 +191,7 @@ mod tests {
     const OTHER: CellEstimate = CellEstimate { stiffness_n_per_m: 2.0, std_n_per_m: 3.0, count: 0 };
     const KNOWN: CellEstimate = CellEstimate { stiffness_n_per_m: 7.0, std_n_per_m: 1.0, count: 5 };
 
-    /// Springs of a lattice, of which cells at these places are known; all in a block may be one.
+    /// Springs of a lattice in which the cells at these places are known; with `few`, in clusters.
     fn springs(known: &[[u32; 3]], few: bool) -> Springs {
         let mut rows = CellRows::new(Lattice::new([0.0; 3], 0.01, [24, 24, 20]).unwrap());
         for place in known {

@@ -1,8 +1,8 @@
 //! The bounded memory of past frames, and the order in which they are replayed.
 //!
-//! Memory is bounded in frames and in bytes; when either is full, frames chosen at random leave, so that
-//! old touches thin out little by little. Draws come from a seeded generator that is the same on every
-//! platform and can be saved and continued. The module does not know what a frame holds.
+//! The number of frames and their bytes are limited; when either limit is reached, randomly chosen frames are removed,
+//! so that old touches are thinned out gradually. Draws come from a seeded generator that is the same on every platform
+//! and can be saved and continued. Frames may be of any type.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -10,25 +10,25 @@ use serde::{Deserialize, Serialize};
 
 use crate::estimator::FrameId;
 
-/// How much may be remembered.
+/// Limits of the memory of frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MemoryLimits {
-    /// Frames.
+    /// Number of frames.
     pub frames: usize,
     /// Bytes of all frames together.
     pub bytes: usize,
 }
 
-/// Where a random generator stands: enough to continue it.
+/// State of a random generator, enough to continue it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RngState {
-    /// The seed it was made from.
+    /// Its seed.
     pub seed: u64,
-    /// Words drawn since.
+    /// Number of words drawn so far.
     pub drawn: u64,
 }
 
-/// What memory knows of a frame.
+/// Identity, size and score of a frame.
 #[derive(Debug, Clone, Copy)]
 struct Note {
     id: FrameId,
@@ -40,7 +40,7 @@ struct Note {
 #[derive(Debug, Clone)]
 pub(crate) struct ReplayMemory<T> {
     frames: Vec<T>,
-    /// One a frame.
+    /// One for each frame.
     notes: Vec<Note>,
     bytes: usize,
     limits: MemoryLimits,
@@ -54,25 +54,25 @@ impl<T> ReplayMemory<T> {
         Self::resume(limits, RngState { seed, drawn: 0 })
     }
 
-    /// An empty memory whose generator goes on where another stood.
+    /// An empty memory whose random generator continues from a saved state.
     pub(crate) fn resume(limits: MemoryLimits, state: RngState) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(state.seed);
         rng.set_word_pos(u128::from(state.drawn));
         Self { frames: Vec::new(), notes: Vec::new(), bytes: 0, limits, rng, seed: state.seed }
     }
 
-    /// How much may be remembered.
+    /// The limits.
     pub(crate) fn limits(&self) -> MemoryLimits {
         self.limits
     }
 
-    /// Where the generator stands.
+    /// State of the random generator.
     pub(crate) fn rng_state(&self) -> RngState {
         RngState { seed: self.seed, drawn: self.rng.get_word_pos() as u64 }
     }
 
-    /// Remembers a frame of a given size and score, unless it is larger than the whole memory; frames that no longer fit
-    /// leave.
+    /// Adds a frame of a given size and score, unless it is larger than the whole memory; randomly drawn frames are
+    /// removed to make room.
     pub(crate) fn push(&mut self, frame: T, id: FrameId, bytes: usize, score: f64) {
         if self.limits.frames == 0 || bytes > self.limits.bytes {
             return;
@@ -86,15 +86,14 @@ impl<T> ReplayMemory<T> {
         self.bytes += bytes;
     }
 
-    /// Draws a frame's number, each with the same chance; `None` if there is no frame.
+    /// Draws the index of a frame, uniformly; `None` if there is no frame.
     pub(crate) fn draw(&mut self) -> Option<usize> {
         let n = self.frames.len() as u64;
         // Multiply and shift maps 32 random bits onto 0..n; its bias is below n / 2³².
         (n > 0).then(|| ((u64::from(self.rng.next_u32()) * n) >> 32) as usize)
     }
 
-    /// Draws as often as `tries` says and keeps the frame of the highest score; `None` if there is
-    /// no frame.
+    /// Draws `tries` frames and returns the index of the one with the highest score; `None` if there is no frame.
     pub(crate) fn draw_best(&mut self, tries: u32) -> Option<usize> {
         let mut best = self.draw()?;
         for _ in 1..tries {
@@ -106,7 +105,7 @@ impl<T> ReplayMemory<T> {
         Some(best)
     }
 
-    /// Takes a frame out; the last one gets its number.
+    /// Removes a frame; the last frame gets its index.
     ///
     /// # Panics
     ///
@@ -116,7 +115,7 @@ impl<T> ReplayMemory<T> {
         self.frames.swap_remove(frame)
     }
 
-    /// Takes out all frames of a touch.
+    /// Removes all frames of a touch.
     pub(crate) fn remove_touch(&mut self, touch: u32) {
         let kept: Vec<bool> = self.notes.iter().map(|note| note.id.touch != touch).collect();
         let mut keep = kept.iter();
@@ -125,7 +124,7 @@ impl<T> ReplayMemory<T> {
         self.bytes = self.notes.iter().map(|note| note.bytes).sum();
     }
 
-    /// About so many frames, evenly chosen, with their identities.
+    /// About `most` frames, evenly chosen, with their identities.
     pub(crate) fn some(&self, most: usize) -> impl Iterator<Item = (FrameId, &T)> {
         let every = self.frames.len().div_ceil(most.max(1)).max(1);
         self.ids().zip(&self.frames).step_by(every)
@@ -151,7 +150,7 @@ impl<T> ReplayMemory<T> {
         self.notes.iter().map(|note| note.score)
     }
 
-    /// Gives a frame another score.
+    /// Sets the score of a frame.
     ///
     /// # Panics
     ///

@@ -2,10 +2,10 @@
 //! (Sec. II).
 //!
 //! A frame is drawn and fused in `Estimator::replay` (`map.rs`, `ekf.rs`); `memory.rs` stores the frames.
-//! [`ReplayPolicy`] says when the replays of a frame are made and on which thread; how many is a
-//! setting of the estimator. [`Replays`] owns the estimator and keeps to the policy. Whichever thread
-//! makes them, replays that are not left to spare time come after the correction of their frame and before
-//! anything else looks at the belief, so the result is the same to the bit.
+//! [`ReplayPolicy`] determines when, and on which thread, the replays of a frame are made; their number is a setting of
+//! the estimator. [`Replays`] owns the estimator and applies the policy. On whichever thread they run, replays (other
+//! than in spare time) are made after the correction of their frame and before any other access to the belief, so the
+//! result is the same to the bit.
 
 mod memory;
 
@@ -24,30 +24,30 @@ use crate::estimator::Estimator;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum ReplayPolicy {
-    /// On a thread of rayon's pool as soon as the frame is learnt, while the caller goes on; with a
-    /// pool of one thread, or none free, on the thread that next looks at the belief.
+    /// On a thread of rayon's pool as soon as the frame is learnt, while the caller goes on; if the pool has one
+    /// thread, or none is free, on the thread that accesses the belief next.
     #[default]
     Background,
-    /// When the caller has time to spare, through [`crate::Mapper::spare_time`]: at most those of the
-    /// latest frame. What is not made before the next frame is learnt is left out.
+    /// When the caller has spare time and calls [`crate::Mapper::spare_time`]: at most the replays of the latest frame.
+    /// Replays that are not made before the next frame is learnt are dropped.
     SpareTime,
     /// As [`ReplayPolicy::SpareTime`], but without a bound on the number of replays.
     SpareTimeUnbounded,
 }
 
-/// An estimator whose replays are made as a policy says.
+/// An estimator, and the policy of its replays.
 pub(crate) struct Replays {
     pending: Arc<Mutex<Pending>>,
     policy: ReplayPolicy,
-    /// Replays of a frame.
+    /// Number of replays for each frame.
     per_frame: u32,
-    /// Replays that may still be made for the latest frame in spare time.
+    /// Number of replays that may still be made for the latest frame in spare time.
     spare: u32,
     /// Whether the latest sample was learnt from.
     learnt: bool,
 }
 
-/// An estimator, and the replays that come before anything else.
+/// An estimator, and the number of replays to be made before any other access to it.
 struct Pending {
     estimator: Box<dyn Estimator>,
     due: u32,
@@ -73,7 +73,7 @@ impl Replays {
         Self { pending, policy, per_frame, spare: 0, learnt: false }
     }
 
-    /// Keeps to another policy from now on.
+    /// Sets another policy; replays left for spare time are dropped.
     pub(crate) fn set_policy(&mut self, policy: ReplayPolicy) {
         drop(self.estimator());
         (self.policy, self.spare) = (policy, 0);
@@ -84,19 +84,18 @@ impl Replays {
         up_to_date(&self.pending)
     }
 
-    /// Notes that a sample comes; perhaps nothing will be learnt from it.
+    /// Notes that a new sample comes, from which nothing is learnt so far.
     pub(crate) fn begin_step(&mut self) {
         self.learnt = false;
     }
 
-    /// Says whether the latest sample was learnt from, for a mapper that is resumed.
+    /// Sets whether the latest sample was learnt from, when a mapper is resumed.
     pub(crate) fn set_learnt(&mut self, learnt: bool) {
         self.learnt = learnt;
     }
 
-    /// Ends a touch. `map` draws once even for no replays, `ekf` does not. If the last sample was not
-    /// learnt from, earlier versions made this one extra draw; it is kept, so that fields stay equal to the
-    /// bit.
+    /// Ends a touch. `map` draws once from memory even for 0 replays, `ekf` does not. Earlier versions made this extra
+    /// draw if the last sample was not learnt from; it is kept, so that fields stay equal to the bit.
     pub(crate) fn end_touch(&mut self) {
         let learnt = std::mem::take(&mut self.learnt);
         let mut estimator = self.estimator();
@@ -105,7 +104,7 @@ impl Replays {
         }
     }
 
-    /// Lets the replays of the frame that was just learnt begin, or be made later, as the policy says.
+    /// Starts the replays of the frame that was just learnt, or notes them for later, according to the policy.
     pub(crate) fn replay(&mut self) {
         self.learnt = true;
         match self.policy {
@@ -122,7 +121,7 @@ impl Replays {
         }
     }
 
-    /// Replays that may be made in spare time.
+    /// Number of replays that may be made in spare time.
     pub(crate) fn spare(&self) -> u32 {
         match self.policy {
             ReplayPolicy::SpareTimeUnbounded => u32::MAX,
@@ -130,9 +129,9 @@ impl Replays {
         }
     }
 
-    /// Makes replays in spare time until `grant` returns 0, none may be made any more, or nothing is
-    /// remembered; returns how many were made. `grant` is given how many may be made and returns how
-    /// many to make before it is called again.
+    /// Makes replays in spare time until `grant` returns 0, no more may be made, or nothing is remembered; returns how
+    /// many were made. `grant` gets the number that may still be made and returns how many to make before it is called
+    /// again.
     pub(crate) fn spare_time(&mut self, mut grant: impl FnMut(u32) -> u32) -> u32 {
         let mut made = 0_u32;
         loop {

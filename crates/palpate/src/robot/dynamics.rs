@@ -1,22 +1,22 @@
-//! Inverse dynamics, and the matrix that it is linear in the inertial parameters by.
+//! Inverse dynamics, and its regressor: the matrix that gives it when multiplied by the inertial parameters.
 //!
-//! The torque that the motors need is `τ = Y(q, q̇, q̈) π` (Atkeson, An and Hollerbach 1986), where `π` holds ten
-//! numbers for each *body*: the links between one moving joint and the next, which are rigid together. The body's
-//! frame is that of the link which its joint carries:
+//! The torque that the motors need is `τ = Y(q, q̇, q̈) π` (Atkeson, An and Hollerbach 1986), where `π` has ten numbers
+//! for each *body*: the links between one moving joint and the next, which are rigidly connected. The frame of a body
+//! is that of the link that its joint carries:
 //!
 //! ```text
 //! π = [m, m·c (3), I_xx, I_xy, I_xz, I_yy, I_yz, I_zz]      I about the origin of the body's frame
 //! ```
 //!
-//! Velocities and accelerations are twists at the world origin as in [`super::kinematics`]; gravity is an acceleration
-//! of the base, upwards. At rest, `τ` is minus [`Robot::gravity_torque`].
+//! Velocities and accelerations are twists at the world origin as in [`super::kinematics`]; gravity is an upward
+//! acceleration of the base. At rest, `τ` is minus [`Robot::gravity_torque`].
 
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Matrix3xX, Vector3};
 
 use super::kinematics::{GRAVITY_M_PER_S2, Twist};
 use super::{Link, LinkId, Poses, Robot};
 
-/// Inertial parameters of a body: mass, mass times centre of mass, inertia about the origin of its frame.
+/// Number of inertial parameters of a body: mass, mass times centre of mass, inertia about the origin of its frame.
 pub const BODY_PARAMETERS: usize = 10;
 
 impl Robot {
@@ -25,12 +25,13 @@ impl Robot {
         self.movers.iter().map(|mover| LinkId(mover.child as u16)) // no link has a larger index
     }
 
-    /// The body that a link belongs to, as an index into [`Robot::bodies`]; `None` if nothing moves it.
+    /// The body that a link belongs to, as an index into [`Robot::bodies`]; `None` if no joint moves it.
     pub fn body_of(&self, link: LinkId) -> Option<usize> {
         self.mounts[link.index()].carriers.last().map(|mover| usize::from(*mover))
     }
 
-    /// Inertial parameters of all bodies as the links' say, 10 × n_bodies numbers, body by body: kg, kg·m and kg·m².
+    /// Inertial parameters of all bodies, from those of the links, 10 × n_bodies numbers, body by body: kg, kg·m and
+    /// kg·m².
     pub fn inertial_parameters(&self) -> DVector<f64> {
         let mut parameters = DVector::zeros(BODY_PARAMETERS * self.movers.len());
         for (index, link) in self.links.iter().enumerate() {
@@ -59,8 +60,8 @@ impl Robot {
         parameters
     }
 
-    /// The same robot with bodies of these inertial parameters (10 × n_bodies): each is given to the link that the
-    /// body's joint carries, and the links that are fixed to it weigh nothing.
+    /// Sets the inertial parameters of all bodies (10 × n_bodies): those of a body are given to the link that its joint
+    /// carries, and the links that are fixed to this link get zero mass.
     ///
     /// # Panics
     ///
@@ -130,7 +131,7 @@ impl Robot {
         self.regressor(poses, speed, acceleration) * self.inertial_parameters()
     }
 
-    /// Pose of a link in the frame of its body: the joints between are fixed. `None` if nothing moves it.
+    /// Pose of a link in the frame of its body: the joints between are fixed. `None` if no joint moves it.
     pub fn body_from_link(&self, link: LinkId) -> Option<Isometry3<f64>> {
         let first = self.movers[self.body_of(link)?].child;
         let (mut pose, mut link) = (Isometry3::identity(), link.index());
@@ -148,7 +149,7 @@ impl Twist {
         self.angular += factor * other.angular;
     }
 
-    /// The change of `other` as it is carried along by `self`: the cross product of motions.
+    /// Rate of change of `other` when it moves with `self`: the cross product of motions.
     fn cross(&self, other: &Twist) -> Twist {
         Twist {
             linear: self.angular.cross(&other.linear) + self.linear.cross(&other.angular),
@@ -157,7 +158,7 @@ impl Twist {
     }
 }
 
-/// Force and moment about the world origin that a body needs, as matrices that its ten parameters are multiplied by.
+/// Force and moment about the world origin that a body needs, as matrices to be multiplied by its ten parameters.
 fn wrench_regressor(
     pose: &Isometry3<f64>,
     velocity: &Twist,
@@ -195,12 +196,12 @@ fn tensor_times(w: &Vector3<f64>) -> nalgebra::Matrix3x6<f64> {
     ]
 }
 
-/// What a unit of mass at `point` has of inertia about the origin.
+/// Inertia about the origin of a unit mass at `point`.
 pub(super) fn about(point: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() * point.norm_squared() - point * point.transpose()
 }
 
-/// Gives a link ten parameters in its own frame. A body without mass has no centre.
+/// Sets the ten parameters of a link, in its own frame. Without mass, the centre of mass is set to zero.
 fn set_inertia(link: &mut Link, parameters: &[f64]) {
     let &[mass_kg, mx, my, mz, xx, xy, xz, yy, yz, zz] = parameters else {
         unreachable!("ten numbers a body")

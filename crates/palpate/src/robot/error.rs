@@ -5,25 +5,25 @@
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum RobotError {
-    /// Not XML, or an element that is not what URDF asks for.
+    /// Not XML, or an element that is not valid in URDF.
     #[error("not a readable URDF: {reason}")]
     Xml { reason: String },
-    /// A link or joint is named that is never declared.
+    /// A reference to a link or joint that is not declared.
     #[error("{user} refers to {wanted}, which the URDF does not declare")]
     Undeclared { user: String, wanted: String },
-    /// A name must say which thing is meant.
+    /// A name that is used twice.
     #[error("the URDF declares {thing} twice; names must be unique")]
     Duplicate { thing: String },
-    /// Chains that bite their own tail have no order of evaluation.
+    /// Links or mimic joints that form a loop.
     #[error("{things} form a loop through {through}; only trees are supported")]
     Loop { things: &'static str, through: String },
-    /// Closed kinematic chains have no unique joint-torque map.
+    /// A link with two joints: in closed kinematic chains, joint torques are not unique.
     #[error(
         "link `{link}` hangs from two joints, `{first}` and `{second}`; only trees are supported, \
          not closed loops"
     )]
     TwoParents { link: String, first: String, second: String },
-    /// The root link is the world frame, so there must be one.
+    /// No root link, or several; the root link is the world frame.
     #[error("found {} root links ({}), wanted one to carry all others", roots.len(), roots.join(", "))]
     Roots { roots: Vec<String> },
     /// Joints of more than one degree of freedom.
@@ -31,10 +31,10 @@ pub enum RobotError {
         "joint `{joint}` is {kind}; wanted revolute, continuous, prismatic or fixed joints only"
     )]
     JointKind { joint: String, kind: &'static str },
-    /// A number that no robot can have.
+    /// A number out of its range.
     #[error("{thing} is {found}, wanted {wanted}")]
     Number { thing: String, found: String, wanted: &'static str },
-    /// Nothing to measure a torque at.
+    /// A robot without moving joints.
     #[error("none of the {joints} joints of robot `{robot}` moves, wanted at least one that does")]
     Immobile { robot: String, joints: usize },
     /// A joint vector of the wrong length.

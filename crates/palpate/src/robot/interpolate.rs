@@ -1,19 +1,18 @@
-//! Joint positions that follow one another.
+//! Differences and interpolation of joint positions, and removal of whole turns.
 
 use std::f64::consts::TAU;
 
 use super::{Joint, JointKind, Robot};
 
 impl Robot {
-    /// How far each joint goes from one position to another, rad or m.
+    /// Difference between two positions of each joint, rad or m.
     ///
-    /// An angle takes the shorter way round, so that a log that wraps at ±π or at 2π does not spin
-    /// the arm: a continuous joint always, a revolute one where the other way would be more than
-    /// half a turn, which no arm makes between two samples.
+    /// Angles are taken the shorter way round, so that a log that wraps at ±π or at 2π does not turn the arm by a whole
+    /// turn. This holds for revolute joints too: no arm turns a joint by more than half a turn between two samples.
     ///
     /// # Panics
     ///
-    /// If either has not one value a joint, which is a bug in the caller.
+    /// If either does not have one value for each joint, which is a bug in the caller.
     pub fn difference(&self, from: &[f64], to: &[f64]) -> Vec<f64> {
         assert!(from.len() == self.n_joints() && to.len() == self.n_joints(), "one value a joint");
         let way = |((joint, a), b): ((&Joint, &f64), &f64)| match joint.kind {
@@ -26,11 +25,11 @@ impl Robot {
         self.joints().iter().zip(from).zip(to).map(way).collect()
     }
 
-    /// Takes out of angles the whole turns that sensors add which count from 0 to 360° or from −180 to 180°.
+    /// Removes the whole turns that are added by sensors that count from 0 to 360° or from −180 to 180°.
     ///
-    /// An angle, rad, becomes the one within half a turn of where its joint was `before`. If it was turned, or nobody
-    /// knows where it was, and is beyond the joint's limits, it is turned once more if that leads into them. What needs no
-    /// turn stays to the bit.
+    /// An angle, rad, is changed by whole turns to within half a turn of the joint's position `before`. If it was
+    /// changed, or `before` is `None`, and it is beyond the joint's limits, it is changed by one more turn if it is
+    /// then within them. Angles that need no turn stay equal to the bit.
     ///
     /// # Panics
     ///
@@ -55,7 +54,7 @@ impl Robot {
         }
     }
 
-    /// The joint positions a part (0 to 1) of the way of [`Robot::difference`].
+    /// The joint positions at a share (0 to 1) of [`Robot::difference`].
     ///
     /// # Panics
     ///
@@ -114,13 +113,13 @@ mod tests {
             let moved = [way, 0.55 * way, way];
             let mut q = [way.rem_euclid(TAU), (0.55 * way).rem_euclid(TAU), way];
             robot.without_turns(before.as_deref(), &mut q);
-            // A joint that turns for ever goes on from where it was first seen, at -4 + 2 π.
+            // A continuous joint goes on from its first position, -4 + 2 π.
             for (found, wanted) in q.iter().zip([moved[0] + TAU, moved[1], moved[2]]) {
                 assert!((found - wanted).abs() < 1e-12, "{q:?} for {moved:?}");
             }
             before = Some(q.to_vec());
         }
-        // Beyond its limits whatever is turned, and degrees: as they are.
+        // Angles that no turn brings within the limits, and degrees, stay as they are.
         for mut q in [[0.1, 2.5, 9.0], [90.0, 45.0, 0.0]] {
             let given = q;
             robot.without_turns(None, &mut q);

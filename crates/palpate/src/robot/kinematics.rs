@@ -1,8 +1,8 @@
 //! Poses, Jacobians and the torque of gravity.
 //!
-//! Every moving joint is a *twist*: the velocity that unit joint speed gives to whatever it
-//! carries. A twist is written as its angular velocity and the linear velocity of the point that
-//! passes the world origin, so the point `p` moves with `linear + angular × p`, wherever `p` is,
+//! Every moving joint is represented by a *twist*: the velocity of the links that it carries at
+//! unit joint speed. A twist consists of the angular velocity and the linear velocity of the point
+//! that passes the world origin, so a point `p` moves with `linear + angular × p`, wherever `p` is,
 //! and all quantities of this module are sums of that one expression.
 //!
 //! | here                        | value                                  | shape           |
@@ -27,9 +27,9 @@ pub(super) const GRAVITY_M_PER_S2: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 pub(super) struct Mover {
     /// Index of the link that it carries.
     pub child: usize,
-    /// Of rotation or translation, in the frame of the child (URDF).
+    /// Axis of rotation or translation, in the frame of the child (URDF).
     pub axis_link: Unit<Vector3<f64>>,
-    /// Position is a length, not an angle.
+    /// Whether the position is a length, not an angle.
     pub prismatic: bool,
     /// The entry of `q` that drives it, and how: `position = multiplier · q[source] + offset`.
     pub source: usize,
@@ -68,7 +68,7 @@ pub(super) struct Twist {
     pub(super) angular: Vector3<f64>,
 }
 
-/// Where every link stands, for one joint vector.
+/// Poses of all links, for one joint vector.
 #[derive(Debug, Clone)]
 pub struct Poses {
     /// One per link, in the order of [`Robot::links`].
@@ -78,7 +78,7 @@ pub struct Poses {
 }
 
 impl Robot {
-    /// Where every link stands at joint positions `q`.
+    /// Poses of all links at joint positions `q`.
     ///
     /// `q` has [`Robot::n_joints`] entries, rad (m where prismatic), in joint order. Limits are
     /// not enforced: sensors overshoot them. Cost: one pose product a link (1 µs for seven
@@ -179,9 +179,9 @@ impl Robot {
 
     /// The torque that gravity exerts on the joints, `Σ m_l J_com(l)ᵀ g`, N·m (N if prismatic).
     ///
-    /// This is what a horizontal arm *feels*: minus the `g(q)` of the manipulator equation, which
-    /// is the torque that the motors need to hold it. Links without `<inertial>` weigh nothing.
-    /// Cost: O(n_links), from the leaves inwards.
+    /// This is minus the `g(q)` of the manipulator equation, which is the torque that the motors
+    /// need to hold the arm. Links without `<inertial>` have no mass. Cost: O(n_links), from the
+    /// leaves inwards.
     ///
     /// # Panics
     ///

@@ -1,22 +1,20 @@
-//! The robot: a tree of links, where they stand, and what gravity and contacts do to its joints.
+//! The robot: a tree of links, their poses, and the joint torques of gravity and contacts.
 //!
-//! A URDF goes in; poses, Jacobians and gravity torques come out. The world frame is the frame of
-//! the URDF's root link, z up, gravity (0, 0, −9.81) m/s². Parents stand before children in every
-//! list.
+//! A URDF goes in; poses, Jacobians and gravity torques come out. The world frame is the frame of the URDF's root link,
+//! z up, gravity (0, 0, −9.81) m/s². Parents come before children in every list.
 //!
-//! **Joint order.** A joint vector `q` holds one number (rad, or m where prismatic) for every
-//! *independent* moving joint, in the order in which one meets them walking the tree from the root
-//! depth first, branches in the order in which the file declares their joints. For an arm that is
-//! from base to tip, however the file is sorted; for two arms all of one, then all of the other.
-//! Fixed joints have no entry, and neither have mimic joints: a mimic joint follows
-//! another joint, and its torque is added to that joint's (principle of virtual work).
+//! **Joint order.** A joint vector `q` has one number (rad, or m where prismatic) for every *independent* moving joint,
+//! in depth-first order from the root, with branches in the order in which the file declares their joints. For an arm
+//! that is from base to tip, whatever the order in the file; for two arms first all of one, then all of the other.
+//! Fixed joints have no entry, and neither have mimic joints: a mimic joint follows another joint, and its torque is
+//! added to that joint's (principle of virtual work).
 //!
-//! | file         | says                                                     |
+//! | file         | contents                                                 |
 //! |--------------|----------------------------------------------------------|
 //! | `urdf`       | XML → checked tree                                       |
 //! | `kinematics` | poses, Jacobians, gravity torque                         |
 //! | `dynamics`   | inverse dynamics, linear in the inertial parameters      |
-//! | `error`      | what can be wrong                                        |
+//! | `error`      | errors of robot descriptions                             |
 //!
 //! Link shapes are only described here: [`crate::sdf`] turns them into distances, and mesh files
 //! are read elsewhere, since the core opens no file.
@@ -40,14 +38,14 @@ use serde::{Deserialize, Serialize};
 /// Robots that are compiled in: name and URDF. This is the only place to add one.
 const BUILT_IN: [(&str, &str); 1] = [("kinova_gen3", include_str!("kinova_gen3.urdf"))];
 
-/// Which link of a robot: its place in [`Robot::links`].
+/// Number of a link: its index in [`Robot::links`].
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize,
 )]
 pub struct LinkId(pub u16);
 
 impl LinkId {
-    /// The same as an index into a slice with one entry a link.
+    /// The number as an index into a slice with one entry for each link.
     pub fn index(self) -> usize {
         usize::from(self.0)
     }
@@ -79,13 +77,13 @@ struct Mount {
 /// A rigid body of the robot.
 #[derive(Debug, Clone)]
 pub struct Link {
-    /// As in the URDF.
+    /// Name in the URDF.
     pub name: String,
     /// The link it hangs from; `None` for the root.
     pub parent: Option<LinkId>,
-    /// What it touches the world with; the collision geometry of the URDF. May be empty.
+    /// Collision geometry of the URDF; may be empty.
     pub collision: Vec<Collision>,
-    /// Zero where the URDF has no `<inertial>`.
+    /// Mass; zero where the URDF has no `<inertial>`.
     pub mass_kg: f64,
     /// Centre of mass in the link frame.
     pub com_link_m: Point3<f64>,
@@ -96,13 +94,13 @@ pub struct Link {
 /// One shape of a link.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Collision {
-    /// Where the shape stands in the link frame.
+    /// Pose of the shape in the link frame.
     pub link_from_shape: Isometry3<f64>,
     /// Its geometry.
     pub shape: Shape,
 }
 
-/// Geometry as URDF spells it, centred at its own origin; axes of revolution are z.
+/// Geometry as in URDF, centred at its own origin; axes of revolution are z.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Shape {
     /// A cuboid.
@@ -114,7 +112,7 @@ pub enum Shape {
     Cylinder {
         /// Radius.
         radius_m: f64,
-        /// From end to end.
+        /// Length from end to end.
         length_m: f64,
     },
     /// A ball.
@@ -126,12 +124,12 @@ pub enum Shape {
     Capsule {
         /// Radius of cylinder and hemispheres.
         radius_m: f64,
-        /// Of the cylindrical part: the whole is `length_m + 2 radius_m` long.
+        /// Length of the cylindrical part; the total length is `length_m + 2 radius_m`.
         length_m: f64,
     },
     /// Triangles in a file.
     Mesh {
-        /// As the URDF spells it: `package://…`, `file://…` or relative to the URDF.
+        /// As written in the URDF: `package://…`, `file://…` or relative to the URDF.
         filename: String,
         /// Factor from the file's coordinates to metres, per axis; negative mirrors.
         scale: Vector3<f64>,
@@ -141,9 +139,9 @@ pub enum Shape {
 /// An independent moving joint: one entry of a joint vector.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Joint {
-    /// As in the URDF.
+    /// Name in the URDF.
     pub name: String,
-    /// What its number means.
+    /// What its position means.
     pub kind: JointKind,
     /// The link it carries.
     #[serde(skip)]
@@ -157,7 +155,7 @@ pub struct Joint {
 }
 
 impl Joint {
-    /// Where it stands if nobody says where: in the middle of its range, or at 0; rad or m.
+    /// Default position: the middle of its range, or 0 without a finite range; rad or m.
     pub fn middle(&self) -> f64 {
         let range = self.range.filter(|range| range.iter().all(|end| end.is_finite()));
         range.map_or(0.0, |[low, high]| f64::midpoint(low, high))
@@ -176,7 +174,7 @@ pub enum JointKind {
     Prismatic,
 }
 
-/// Something carried that the URDF does not know of: a gripper, a tool, a camera.
+/// A load that the URDF does not contain: a gripper, a tool, a camera.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Payload {
@@ -196,7 +194,7 @@ impl Payload {
 }
 
 impl Robot {
-    /// A robot that is compiled in, `None` if there is none of this name.
+    /// The built-in robot with this name, if there is one.
     ///
     /// # Panics
     ///
@@ -206,17 +204,17 @@ impl Robot {
         Some(Robot::from_urdf(xml).expect("built-in robots are parsed by the tests"))
     }
 
-    /// The text of its URDF.
+    /// URDF text of the built-in robot with this name, if there is one.
     pub fn built_in_urdf(name: &str) -> Option<&'static str> {
         BUILT_IN.iter().find(|(known, _)| *known == name).map(|(_, xml)| *xml)
     }
 
-    /// Names that [`Robot::built_in`] knows.
+    /// Names of the built-in robots.
     pub fn built_in_names() -> impl Iterator<Item = &'static str> {
         BUILT_IN.iter().map(|(name, _)| *name)
     }
 
-    /// As in the URDF; may be empty.
+    /// Name in the URDF; may be empty.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -247,7 +245,7 @@ impl Robot {
         Some(LinkId(u16::try_from(index).expect("from_urdf refuses more links")))
     }
 
-    /// Everything that poses and gravity follow from, for fingerprints.
+    /// All numbers that determine poses and gravity, for fingerprints.
     pub(crate) fn numbers(&self) -> impl Iterator<Item = f64> {
         let links = self.links.iter().zip(&self.mounts).flat_map(|(link, mount)| {
             let parent = link.parent.map_or(-1.0, |parent| f64::from(parent.0));
@@ -264,12 +262,12 @@ impl Robot {
         links.chain(movers)
     }
 
-    /// The same robot with a joint that stands still at a position, rad or m: joint vectors are an entry shorter, and
-    /// a joint that mimics it stands still as well.
+    /// Fixes a joint at a position, rad or m: joint vectors are then an entry shorter, and joints that mimic it are
+    /// fixed as well.
     ///
     /// # Errors
     ///
-    /// An unknown joint, the only one, or a position that is not finite.
+    /// An unknown joint, the only moving joint, or a position that is not finite.
     pub fn holding(mut self, joint: &str, position: f64) -> Result<Robot, RobotError> {
         let place = self.joints.iter().position(|own| own.name == joint);
         let held = place.ok_or_else(|| RobotError::Undeclared {
@@ -305,7 +303,7 @@ impl Robot {
         Ok(self)
     }
 
-    /// The same robot with joints of other names, all at once: `(joint, name in logs)`.
+    /// Renames joints, all at once; `names` are pairs `(joint, name in logs)`.
     ///
     /// # Errors
     ///
@@ -332,7 +330,7 @@ impl Robot {
         }
     }
 
-    /// Whether a joint carries a link: the link, or one that it hangs from, is the joint's.
+    /// Whether a joint moves a link: the joint's child is the link or one of its ancestors.
     pub fn carries(&self, joint: &Joint, mut link: LinkId) -> bool {
         loop {
             if link == joint.child {
@@ -345,7 +343,7 @@ impl Robot {
         }
     }
 
-    /// The same robot carrying `payload`, a point mass, as well; may be called again for a second one.
+    /// Adds `payload`, a point mass, to the robot; may be called again for another one.
     ///
     /// # Errors
     ///

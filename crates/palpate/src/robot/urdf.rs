@@ -1,9 +1,9 @@
-//! URDF → robot: what the XML says, checked until it is a tree that can be computed with.
+//! URDF → robot: reads the XML and checks that it is a tree of links with valid numbers.
 //!
 //! `urdf-rs` reads the XML and ignores elements that it does not know (`<klampt>`, `<gazebo>`,
-//! `<transmission>`). It checks no meaning: names, the shape of the tree, mimic chains and every
-//! number are checked here. `rpy` is roll, pitch, yaw about the fixed axes x, y, z; a missing
-//! `<axis>` is x. Inertia is turned into the axes of its link.
+//! `<transmission>`). It does not check the contents: names, the shape of the tree, mimic chains
+//! and every number are checked here. `rpy` is roll, pitch, yaw about the fixed axes x, y, z; a
+//! missing `<axis>` is x. Inertia is rotated into the axes of its link.
 
 use std::collections::HashMap;
 
@@ -15,22 +15,22 @@ use super::xml::nests_deeper_than;
 use super::{Collision, Joint, JointKind, Link, LinkId, Mount, Robot, RobotError, Shape};
 use crate::lattice::FARTHEST_M;
 
-/// Beyond this, a link index would not fit [`LinkId`].
+/// Largest number of links: more would not fit [`LinkId`].
 const MAX_LINKS: usize = u16::MAX as usize;
 
-/// No robot file nests deeper; the XML reader would recurse once a level.
+/// Largest nesting depth: no robot file is deeper, and the XML parser recurses once for each level.
 const MAX_XML_DEPTH: usize = 64;
 
 impl Robot {
     /// Reads the text of a URDF.
     ///
-    /// Meshes are not opened, only named. Collision geometry counts, visual geometry does not.
-    /// The order of joints and links is parents before children.
+    /// Mesh files are not opened. Only collision geometry is used, visual geometry is ignored.
+    /// Joints and links are ordered with parents before children.
     ///
     /// # Errors
     ///
     /// Anything that is not a tree of links with at least one moving joint, joints of more than
-    /// one degree of freedom, and numbers that cannot be: see [`RobotError`].
+    /// one degree of freedom, and invalid numbers: see [`RobotError`].
     pub fn from_urdf(xml: &str) -> Result<Robot, RobotError> {
         if nests_deeper_than(xml, MAX_XML_DEPTH) {
             let reason = format!("elements nested deeper than {MAX_XML_DEPTH}");
@@ -91,7 +91,7 @@ impl Tree {
 
         let order = depth_first(only_root(urdf, &joint_of)?, &children);
         if order.len() < urdf.links.len() {
-            // With one parent a link, whatever the root does not reach runs in circles.
+            // Each link has one parent at most, so links that the root does not reach form a loop.
             let mut reached = vec![false; urdf.links.len()];
             order.iter().for_each(|&link| reached[link] = true);
             return Err(link_loop(urdf, reached.iter().position(|reached| !reached)));
@@ -100,7 +100,7 @@ impl Tree {
     }
 }
 
-/// The names in their order, each of them once.
+/// Indices of the names; an error if a name comes twice.
 fn unique<'a>(
     what: &str,
     names: impl Iterator<Item = &'a str>,
@@ -171,7 +171,7 @@ fn moves(joint: &urdf_rs::Joint) -> bool {
     joint.joint_type != JointType::Fixed
 }
 
-/// Follows a chain of mimic joints to the joint that is free.
+/// Follows a chain of mimic joints to the independent joint.
 fn follow(
     urdf: &urdf_rs::Robot,
     own_entry: &[Option<usize>],
@@ -184,7 +184,7 @@ fn follow(
         }
         let user = format!("mimic joint `{}`", urdf.joints[joint].name);
         let Some(mimic) = &urdf.joints[joint].mimic else {
-            // Only a fixed joint has neither an entry nor somebody to follow.
+            // Only a fixed joint has neither an entry nor a joint to follow.
             let (thing, found) = (format!("joint `{}`", urdf.joints[joint].name), "fixed");
             return Err(RobotError::number(thing, found, "a moving one, since others mimic it"));
         };
@@ -202,7 +202,7 @@ fn follow(
     Err(RobotError::Loop { things: "mimic joints", through })
 }
 
-/// Puts the pieces into tree order.
+/// Builds the robot, in tree order.
 fn build(
     urdf: &urdf_rs::Robot,
     tree: &Tree,

@@ -1,8 +1,8 @@
-//! How deep XML nests: readers of robot descriptions recurse once a level.
+//! Nesting depth of XML: parsers of robot descriptions recurse once for each level.
 
 /// Whether more than `limit` elements are open at once somewhere in an XML text.
 ///
-/// To be asked before a recursive reader is, whose stack a hostile file could exhaust.
+/// To be called before a recursive parser, whose stack a malicious file could exhaust.
 ///
 /// Where the text is not well-formed the count may be wrong, but there the parser stops as well.
 pub fn nests_deeper_than(text: &str, limit: usize) -> bool {
@@ -31,7 +31,7 @@ pub fn nests_deeper_than(text: &str, limit: usize) -> bool {
     false
 }
 
-/// Where the `>` of a tag stands: not within quotes.
+/// Position of the `>` of a tag, which is not within quotes.
 fn end_of_tag(tag: &str) -> usize {
     let mut quote = None;
     for (at, byte) in tag.bytes().enumerate() {

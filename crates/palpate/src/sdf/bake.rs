@@ -1,17 +1,17 @@
-//! From shapes to a grid.
+//! Bakes the shapes of a link into a grid.
 //!
-//! Primitives are exact. Triangles take five steps, since published meshes are open shells with
-//! inner walls, on which a closest point with its face normal gives the wrong side for a tenth of
-//! the volume:
+//! Primitives are exact. Triangles take five steps, since published meshes are open shells with inner walls, for which
+//! the normal at the closest point gives the wrong side in a tenth of the volume:
 //!
 //! 1. every node gets its distance from the nearest triangle and its winding number `w`;
 //! 2. a flood from the rim of the grid finds the nodes that no path from outside reaches;
-//! 3. **inside is `w ≥ ½`, or sealed**: the winding number decides, the flood only fills voids that
-//!    are closed all round. It cannot overrule the other way, since it leaks through any crack.
-//!    A second flood, too thick for cracks narrower than a cell, finds where the shell has real
-//!    openings: the [`BakeReport`] says how much of the volume rests on the winding number alone;
-//! 4. inside, the distance counts from the *skin* only, the triangles that have the outside on one
-//!    of their sides: inner walls must not make a point deep inside look like one at the surface;
+//! 3. **inside is `w ≥ ½`, or sealed**: the winding number decides, and the flood only adds voids
+//!    that are closed on all sides. It cannot mark nodes as outside, since it leaks through any
+//!    crack. A second flood, which does not pass cracks narrower than a cell, finds the real
+//!    openings of the shell: the [`BakeReport`] has the share of the volume that is inside by the
+//!    winding number alone;
+//! 4. inside, distances are measured from the *skin* only, the triangles with the outside on one of
+//!    their sides: otherwise a point deep inside, at an inner wall, would count as near the surface;
 //! 5. where the sign changes without a triangle (across an opening) the surface is where `w = ½`.
 //!
 //! The link is the union of its shapes: `φ = min φᵢ`. That is exact outside; inside, where shapes
@@ -27,15 +27,15 @@ use super::{DistanceGrid, SdfError, flood, primitive};
 use crate::lattice::FARTHEST_M;
 use crate::robot::Collision;
 
-/// At 5 mm, a cube of one metre. Baking takes some hundred bytes a node.
+/// Largest number of nodes: at 5 mm, a cube of one metre. Baking takes some hundred bytes per node.
 const MAX_NODES: f64 = 8e6;
 
-/// How finely to bake, and how far out.
+/// Resolution and extent of the baked grid.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 #[non_exhaustive]
 pub struct BakeConfig {
-    /// Distance between nodes. Details below it are lost.
+    /// Distance between nodes. Smaller details are lost.
     pub spacing_m: f64,
     /// The grid reaches this far beyond the surface; farther out, distances are lower bounds. Must be at
     /// least the contact distance.
@@ -55,7 +55,7 @@ impl Default for BakeConfig {
     }
 }
 
-/// Everything that one link is made of, in its frame.
+/// All shapes of one link, in its frame.
 #[derive(Debug, Clone, Default)]
 pub struct Solid {
     /// Box, cylinder, sphere, capsule.
@@ -64,22 +64,22 @@ pub struct Solid {
     pub meshes: Vec<TriangleMesh>,
 }
 
-/// What baking found out about the meshes of a link; all zero for primitives, except the volume.
+/// Report on the meshes of a link; all zero for primitives, except the volume.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct BakeReport {
-    /// Triangles baked.
+    /// Number of baked triangles.
     pub triangles: usize,
-    /// Triangles without area, left out.
+    /// Number of triangles without area, which are left out.
     pub degenerate: usize,
-    /// Triangles whose part was inside out, turned round.
+    /// Number of triangles that faced inwards and were flipped.
     pub flipped: usize,
     /// Volume inside, by counting nodes.
     pub inside_m3: f64,
-    /// Part of the meshes' inside volume that the outside can reach through openings wider than
-    /// about a cell: it is inside by the winding number alone. Zero for a closed mesh.
+    /// Share of the meshes' inside volume that can be reached from outside through openings wider than about a cell: it
+    /// is inside by the winding number alone. Zero for a closed mesh.
     pub leaked_fraction: f64,
-    /// Part of the meshes' inside volume that the winding number calls outside, filled because no
-    /// path leads there.
+    /// Share of the meshes' inside volume that is outside by the winding number, but counts as inside because no path
+    /// from outside leads there.
     pub sealed_fraction: f64,
 }
 
@@ -90,8 +90,8 @@ pub struct BakeReport {
 ///
 /// # Errors
 ///
-/// A config out of range, a solid without shapes, a broken mesh ([`SdfError`]), or a size that no
-/// link has.
+/// A config out of range, a solid without shapes, a broken mesh ([`SdfError`]), or a solid that is
+/// too large.
 pub fn bake(solid: &Solid, config: &BakeConfig) -> Result<(DistanceGrid, BakeReport), SdfError> {
     config.check()?;
     let soup = match &solid.meshes[..] {
@@ -157,7 +157,7 @@ fn surface_box(primitives: &[Collision], soup: Option<&Soup>) -> [Point3<f64>; 2
     [Point3::from(low - slack), Point3::from(high + slack)]
 }
 
-/// `f` of every number below `n`, in their order, on all threads.
+/// `f(0)` to `f(n − 1)`, in this order, computed on all threads.
 pub(super) fn on_all_threads<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
     (0..n).into_par_iter().with_min_len(256).map(f).collect()
 }
@@ -202,16 +202,16 @@ fn bake_soup(
     })
 }
 
-/// What stands between a node and the next.
+/// Obstacle between a node and the next.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Wall {
     None,
-    /// No triangle on the edge itself, but some so near that only a thin thing would get through.
+    /// No triangle crosses the edge, but some may be so near that only a narrow gap is left.
     Slit,
     Triangle,
 }
 
-/// What stands between a node and the next along each axis.
+/// Obstacle between a node and the next along each axis.
 fn walls(lattice: &Lattice, surface: &Surface, distance_m: &[f64], node: usize) -> [Wall; 3] {
     std::array::from_fn(|axis| {
         let (_, Some(next)) = lattice.neighbours(node, axis) else { return Wall::None };
@@ -225,7 +225,7 @@ fn walls(lattice: &Lattice, surface: &Surface, distance_m: &[f64], node: usize) 
     })
 }
 
-/// The triangles, cut down to about the spacing, that have the outside on a side.
+/// The triangles with the outside on one side, cut down to about the spacing.
 fn skin(
     triangles: &[[Point3<f64>; 3]],
     spacing_m: f64,
@@ -241,7 +241,7 @@ fn skin(
             let [of_ab, of_bc, of_ca] = [(b - a).norm(), (c - b).norm(), (a - c).norm()];
             let longest = of_ab.max(of_bc).max(of_ca);
             if longest > 2.0 * spacing_m {
-                // A needle is cut across: its quarters would soon be as many as those of a square.
+                // A needle is halved across: quartering would give as many pieces as for a square.
                 let needle = 16.0 * area_vector_of(&piece).norm() < longest.powi(2);
                 waiting.extend(match needle {
                     false => vec![[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]],
@@ -263,7 +263,7 @@ fn skin(
     on_all_threads(triangles.len(), pieces_of).into_iter().flatten().collect()
 }
 
-/// Where the nodes of a grid stand.
+/// Positions of the nodes of a grid.
 pub(super) struct Lattice {
     pub origin_m: Point3<f64>,
     pub spacing_m: f64,
@@ -274,7 +274,7 @@ impl Lattice {
     /// Nodes that reach at least the margin beyond a box on every side.
     fn around([low, high]: [Point3<f64>; 2], config: &BakeConfig) -> Result<Lattice, SdfError> {
         let spacing_m = config.spacing_m;
-        // A third of a cell keeps nodes off the planes on which designers put faces.
+        // A third of a cell keeps nodes off planes at round coordinates, where many faces lie.
         let origin_m = low - Vector3::repeat(config.margin_m + spacing_m / 3.0);
         let n = (high - origin_m).map(|span| ((span + config.margin_m) / spacing_m).ceil() + 1.0);
         if n.product() > MAX_NODES {
@@ -320,8 +320,8 @@ impl Lattice {
         ((at > 0).then(|| node - substeps), (at + 1 < self.shape[axis]).then(|| node + substeps))
     }
 
-    /// Whether the distances of two neighbours prove that no surface crosses their edge: the two
-    /// empty balls cover it, and not just barely, as they do at a face square to it.
+    /// Whether the distances of two neighbours prove that no surface crosses their edge: the balls without surface
+    /// around both nodes cover the edge, with a margin, since at a face perpendicular to the edge they just cover it.
     pub(super) fn proves_free(&self, one_m: f64, other_m: f64) -> bool {
         one_m + other_m > self.spacing_m * (1.0 + 1e-6)
     }

@@ -1,10 +1,10 @@
-//! Grids as bytes, for a cache that nobody trusts.
+//! Grids as bytes, for a cache whose contents are checked.
 //!
 //! Little-endian, in this order: magic and version (8 bytes), nodes along x, y, z (3 × u32),
 //! spacing, origin, lowest and highest corner of the surface (10 × f64), the nodes (f32, x
-//! fastest), a checksum of all of it (u64). The length is implied, so a byte more or less is an
-//! error; every change of a single byte changes the checksum; and the numbers are checked for
-//! sense, so that what was written wrongly with a right checksum is refused as well.
+//! fastest), a checksum of all of it (u64). The length follows from the number of nodes, so a byte
+//! more or less is an error; every change of a single byte changes the checksum; and the numbers
+//! are checked for plausibility, so that wrong contents with a valid checksum are refused as well.
 
 use nalgebra::Point3;
 
@@ -70,7 +70,7 @@ impl DistanceGrid {
         if grid.makes_sense() { Ok(grid) } else { Err(refuse("numbers out of range")) }
     }
 
-    /// What baking guarantees: finite numbers, the surface within the grid.
+    /// Whether the grid has what baking guarantees: finite numbers, the surface within the grid.
     fn makes_sense(&self) -> bool {
         let [low, high] = self.surface;
         let end = self.origin_m.coords + nalgebra::Vector3::from(self.last_cell) * self.spacing_m;

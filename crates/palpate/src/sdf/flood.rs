@@ -1,14 +1,14 @@
-//! What the outside can reach, and how far it is to an opening that the sign closes.
+//! Nodes of a grid that the outside can reach, and distances from the openings of a mesh.
 //!
-//! Both walk the nodes of a grid. The flood goes from node to neighbouring node unless a triangle
-//! stands between them; what it never reaches is sealed in. The openings are where the sign
-//! changes although no triangle is near: there the winding number draws the surface, and distances
-//! must know of it, or `φ` would jump from `+r` to `−r` across the mouth of a tube of radius `r`.
+//! The flood goes from node to neighbouring node unless a triangle is between them; nodes that it
+//! never reaches are sealed. The openings are where the sign changes although no triangle is near:
+//! there the winding number defines the surface. Distances must include this surface: otherwise `φ`
+//! would jump from `+r` to `−r` across the mouth of a tube of radius `r`.
 
 use super::bake::Lattice;
 
-/// Which nodes can be reached from the rim of the grid. `blocked(node, axis)` says whether the
-/// surface stands between a node and the next one along an axis.
+/// Which nodes can be reached from the rim of the grid. `blocked(node, axis)`: whether the surface
+/// is between a node and the next one along an axis.
 pub(super) fn reached(lattice: &Lattice, blocked: impl Fn(usize, usize) -> bool) -> Vec<bool> {
     let mut reached = vec![false; lattice.len()];
     let mut waiting: Vec<usize> = (0..lattice.len()).filter(|&n| lattice.on_rim(n)).collect();
@@ -30,10 +30,11 @@ pub(super) fn reached(lattice: &Lattice, blocked: impl Fn(usize, usize) -> bool)
 
 /// Distance of every node from the openings, m, infinite if there are none.
 ///
-/// An opening crosses the edge between two nodes of different sign whose distances from the
-/// surface add up to more than the edge: no triangle can be there. It does so where the winding
-/// number, linear along the edge, is one half. From there distances spread by the eikonal
-/// equation, first order, fast sweeping: a few per cent off, like the notion of an opening itself.
+/// An opening crosses the edge between two nodes of different sign whose distances from the surface
+/// add up to more than the edge: no triangle can be there. The crossing is where the winding
+/// number, linear along the edge, is one half. From there distances spread by the eikonal equation,
+/// first order, fast sweeping. Their error is a few per cent, but the position of an opening is not
+/// exact either.
 pub(super) fn distance_to_openings(
     lattice: &Lattice,
     winding: &[f32],
@@ -41,7 +42,7 @@ pub(super) fn distance_to_openings(
     distance_m: &[f64],
 ) -> Option<Vec<f64>> {
     let h = lattice.spacing_m;
-    // Nearest crossing along each axis, in edges.
+    // Nearest crossing along each axis, as a share of the edge.
     let mut crossings = vec![[f64::INFINITY; 3]; lattice.len()];
     let mut any = false;
     for node in 0..lattice.len() {

@@ -18,16 +18,16 @@ pub struct DistanceGrid {
     pub(super) surface: [Point3<f64>; 2],
     /// Signed distances, m, x running fastest.
     pub(super) nodes_m: Vec<f32>,
-    /// Derived from the above: what a query needs, ready to multiply with.
+    /// Derived from the fields above, for fast queries.
     pub(super) cells_per_m: f64,
     pub(super) last_cell: [f64; 3],
     strides: [usize; 2],
 }
 
-/// Below this slope, squared, in metres per cell, a direction would be made of rounding.
+/// Squared slope, in (metres per cell)², below which its direction is dominated by rounding errors.
 const FLAT: f64 = 1e-16;
 
-/// Eight nodes and a place between them.
+/// Eight nodes and a position between them.
 struct Cell {
     /// Pairs along x; y runs faster than z.
     nodes_m: [[f32; 2]; 4],
@@ -58,7 +58,7 @@ impl Cell {
 /// The quadratic B-spline about three nodes, `t` cells from the middle one, −½..½.
 struct Spline {
     weights: [f64; 3],
-    /// Per cell.
+    /// Derivatives of the weights, per cell.
     slopes: [f64; 3],
 }
 
@@ -101,10 +101,9 @@ impl DistanceGrid {
 
     /// Signed distance of a point from the surface, m; negative inside.
     ///
-    /// Within the grid, `φ` is trilinear between the nodes. Outside it is `√(φ(c)² + |p−c|²)` with
-    /// `c` the nearest point of the grid: continuous, at least the margin that the grid was baked
-    /// with, and never more than the true distance (but for the interpolation of `φ(c)`), so
-    /// "farther than x" can be believed for every x.
+    /// Within the grid, `φ` is trilinear between the nodes. Outside it is `√(φ(c)² + |p−c|²)` with `c` the nearest
+    /// point of the grid: continuous, at least the margin that the grid was baked with, and never more than the true
+    /// distance (but for the interpolation of `φ(c)`). So a point with `φ > x` really is farther than x, for every x.
     ///
     /// `point_link` is in the link frame. Cost: 8 reads from at most 4 cache lines.
     #[inline]
@@ -119,9 +118,9 @@ impl DistanceGrid {
 
     /// [`DistanceGrid::distance`], and the unit vector that points away from the surface.
     ///
-    /// The normal is the normalised gradient of the interpolated distance, exact within a cell.
-    /// Where the gradient vanishes (the middle of a ball) no direction is better than another and
-    /// the normal points away from the middle of the link; it is a unit vector everywhere.
+    /// The normal is the normalised gradient of the interpolated distance, exact within a cell. Where the gradient
+    /// vanishes (the centre of a ball) the normal points away from the centre of the link; it is a unit vector
+    /// everywhere.
     #[inline]
     pub fn distance_and_normal(&self, point_link: &Point3<f64>) -> (f64, Vector3<f64>) {
         let scaled = (point_link - self.origin_m) * self.cells_per_m;
@@ -138,13 +137,11 @@ impl DistanceGrid {
         ((inner * inner + excess.norm_squared()).sqrt(), self.unit(uphill, point_link))
     }
 
-    /// The distance as a surface without edges has it: signed, m, and its slope, which is nearly a unit
-    /// vector; both continuous.
+    /// Smoothed signed distance, m, and its gradient, which is nearly a unit vector; both are continuous.
     ///
-    /// Quadratic B-splines of the nodes: within the grid the value is that of [`DistanceGrid::distance`]
-    /// but for an eighth of the spacing squared times the surface's curvature, and edges are rounded off
-    /// by the spacing. Where a node beyond the grid would be needed, it is [`DistanceGrid::distance_and_normal`].
-    /// Cost: 27 reads.
+    /// Quadratic B-splines of the nodes: within the grid the value differs from [`DistanceGrid::distance`] by an eighth
+    /// of the spacing squared times the surface's curvature, and edges are rounded by the spacing. Where a node beyond
+    /// the grid would be needed, the result is that of [`DistanceGrid::distance_and_normal`]. Cost: 27 reads.
     pub fn smooth_distance_and_slope(&self, point_link: &Point3<f64>) -> (f64, Vector3<f64>) {
         let scaled = (point_link - self.origin_m) * self.cells_per_m;
         let inner = |axis: usize| scaled[axis] > 0.5 && scaled[axis] < self.last_cell[axis] - 0.5;
@@ -181,8 +178,8 @@ impl DistanceGrid {
     /// Points of the surface, in the link frame: one wherever it crosses a line between two
     /// neighbouring nodes, with the distance taken as linear along it.
     ///
-    /// They are as dense as the nodes, and for drawing: a plate thinner than a cell may have none.
-    /// Cost: one pass over the nodes.
+    /// They are for drawing, and as dense as the nodes: a plate thinner than a cell may have none. Cost: one pass over
+    /// the nodes.
     pub fn surface_points(&self) -> Vec<Point3<f64>> {
         let [nx, ny, _] = self.shape;
         let strides = [1, self.strides[0], self.strides[1]];
@@ -216,7 +213,7 @@ impl DistanceGrid {
         self.nodes_m.len() * size_of::<f32>()
     }
 
-    /// Everything that makes a grid what it is, for fingerprints.
+    /// All numbers of the grid, for fingerprints.
     pub(crate) fn numbers(&self) -> impl Iterator<Item = f64> {
         let shape = self.shape.into_iter().map(|n| n as f64);
         let nodes = self.nodes_m.iter().copied().map(f64::from);
@@ -248,11 +245,10 @@ impl DistanceGrid {
         Cell { nodes_m, fraction }
     }
 
-    /// The cell nearest to any point, seen from the nearest place in it, and the way from there to
-    /// the point, m.
+    /// The cell nearest to a point, with the nearest position in it, and the vector from there to the point, m.
     #[cold]
     fn nearest_cell(&self, scaled: &Vector3<f64>) -> (Cell, Vector3<f64>) {
-        // The last node belongs to the cell before it; NaN is put at the first node.
+        // The last node belongs to the cell before it; NaN is replaced by the first node.
         let inside = Vector3::from_fn(|axis, _| {
             scaled[axis].max(0.0).min(self.last_cell[axis] * (1.0 - f64::EPSILON))
         });

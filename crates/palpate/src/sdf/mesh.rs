@@ -1,11 +1,11 @@
-//! Triangles as they come in files, made fit to be asked for distances.
+//! Triangles of mesh files, cleaned for distance queries.
 //!
-//! Files hold open shells, doubled vertices, triangles without area and parts turned inside out.
-//! Vertices at equal coordinates are welded to find the parts that hang together and face one way.
-//! A *closed* part whose volume is negative is turned round; so a hollow part is taken as solid. In
-//! an open part each triangle is turned round if more of the sky is seen from behind it than from
-//! in front of it (after Takayama et al. 2014): lids of published meshes face the wrong way. What
-//! is left is for the winding number to judge.
+//! Files have open shells, duplicate vertices, triangles without area and parts turned inside out.
+//! Vertices at equal coordinates are welded to find connected parts that face one way. A *closed*
+//! part with negative volume is flipped; so a hollow part is taken as solid. In an open part a
+//! triangle is flipped if more rays from its back than from its front meet no other triangle, that
+//! is, see the sky (after Takayama et al. 2014): lids of published meshes face the wrong way.
+//! Remaining defects are left to the winding number.
 
 use std::collections::HashMap;
 
@@ -21,12 +21,12 @@ use super::winding::area_vector_of;
 /// A triangle thinner than this part of its longest edge has no usable normal.
 const SLIVER: f64 = 1e-9;
 
-/// No robot reaches here; beyond it, areas and volumes would overflow.
+/// Largest coordinate of a vertex; with larger ones, areas and volumes would overflow.
 const FARTHEST_M: f64 = 1e9;
-/// How many ways a triangle of an open part looks for the sky.
+/// Number of rays that are sent from a triangle of an open part.
 const SAMPLED_DIRECTIONS: usize = 24;
-/// A triangle that sees this much more of the sky on one side knows its front; others follow the
-/// majority of their part.
+/// A triangle whose front and back differ by more than this in the share of rays that see the sky
+/// is oriented by itself; others follow the majority of their part.
 const CLEAR_VOTE: f64 = 0.25;
 
 /// Triangles in the frame of a mesh or a link.
@@ -76,7 +76,7 @@ impl TriangleMesh {
     }
 }
 
-/// All triangles of a link, cleaned, and what the cleaning did.
+/// All triangles of a link, cleaned, with the numbers of removed and of flipped ones.
 #[derive(Debug)]
 pub(super) struct Soup {
     pub triangles: Vec<[Point3<f64>; 3]>,
@@ -113,7 +113,7 @@ impl Soup {
     }
 }
 
-/// Which triangles show the outside their back.
+/// Which triangles face inwards.
 fn inside_out(all: &[[Point3<f64>; 3]]) -> Vec<bool> {
     let parts = Parts::of(&weld(all));
     let sound: Vec<_> = all.iter().copied().filter(|triangle| !is_degenerate(triangle)).collect();
@@ -139,7 +139,7 @@ fn inside_out(all: &[[Point3<f64>; 3]]) -> Vec<bool> {
         .collect()
 }
 
-/// How much more of the sky is seen from in front of a triangle than from behind it, −1 to 1.
+/// Share of rays that see the sky in front of a triangle, minus that behind it, −1 to 1.
 fn sky_seen_in_front_minus_behind(triangle: &[Point3<f64>; 3], surface: &Surface) -> f64 {
     let normal = area_vector_of(triangle).normalize();
     let middle =
@@ -167,7 +167,7 @@ fn is_degenerate(triangle: &[Point3<f64>; 3]) -> bool {
     area_vector_of(triangle).norm() <= SLIVER * longest_sq
 }
 
-/// Vertex numbers such that vertices at the same place have the same one.
+/// Vertex numbers such that vertices at the same place have the same number.
 fn weld(triangles: &[[Point3<f64>; 3]]) -> Vec<[usize; 3]> {
     let mut numbers = HashMap::new();
     let mut number = |vertex: &Point3<f64>| {
@@ -181,13 +181,13 @@ fn weld(triangles: &[[Point3<f64>; 3]]) -> Vec<[usize; 3]> {
 /// Connected parts, each named by one of its triangles.
 struct Parts {
     of_triangle: Vec<usize>,
-    /// By name: has an edge that is not walked as often one way as the other.
+    /// By name: whether an edge is not used equally often in both directions.
     open: Vec<bool>,
 }
 
 impl Parts {
-    /// Triangles belong together if they share an edge and walk it in opposite directions, so that
-    /// all of a part face the same way.
+    /// Triangles are connected if they share an edge and use it in opposite directions, so that all
+    /// triangles of a part face the same way.
     fn of(welded: &[[usize; 3]]) -> Parts {
         let mut walks: HashMap<[usize; 2], Vec<usize>> = HashMap::new();
         let edges = |&[a, b, c]: &[usize; 3]| {
@@ -227,7 +227,7 @@ fn find(leader: &mut [usize], mut index: usize) -> usize {
     index
 }
 
-/// Triangles that can be asked for the closest point.
+/// Triangles with fast queries of distance and of rays.
 pub(super) struct Surface {
     mesh: TriMesh,
 }
@@ -252,7 +252,7 @@ impl Surface {
         !self.mesh.intersects_local_ray(&ray, f64::MAX)
     }
 
-    /// Whether the surface stands between two points.
+    /// Whether the surface is between two points.
     pub(super) fn separates(&self, a: &Point3<f64>, b: &Point3<f64>) -> bool {
         let ray = Ray::new(to_parry(a), to_parry(&Point3::from(b - a)));
         self.mesh.intersects_local_ray(&ray, 1.0)

@@ -1,4 +1,4 @@
-//! Exact signed distance of the shapes that URDF knows by name.
+//! Exact signed distance of the primitive shapes of URDF.
 
 use nalgebra::{Point3, Vector3};
 

@@ -1,15 +1,16 @@
-//! Generalised winding number: how much of the sky a surface covers, seen from a point.
+//! Generalised winding number: share of the full solid angle that a surface covers, seen from a
+//! point.
 //!
-//! A closed surface covers the whole sky of a point inside (1) and nothing of a point outside (0);
-//! an open shell covers most of it or little of it, and one half is the natural boundary (Jacobson
-//! et al. 2013). Far clusters of triangles are seen as one dipole (Barill et al. 2018), so a query
-//! costs O(log n): some microseconds for 4,000 triangles.
+//! For a closed surface it is 1 at a point inside and 0 outside; for an open shell it is close to
+//! these, and one half is the natural boundary (Jacobson et al. 2013). Far clusters of triangles
+//! are approximated by one dipole (Barill et al. 2018), so a query costs O(log n): some
+//! microseconds for 4,000 triangles.
 
 use std::f64::consts::PI;
 
 use nalgebra::{Point3, Vector3};
 
-/// A cluster is seen as a dipole from beyond this many of its radii.
+/// Distance beyond which a cluster is approximated by a dipole, in radii of the cluster.
 const FAR_RADII: f64 = 3.0;
 const LEAF_TRIANGLES: usize = 6;
 
@@ -22,7 +23,7 @@ pub(super) struct WindingTree {
 }
 
 struct Cluster {
-    /// Area-weighted middle of its triangles.
+    /// Area-weighted centre of its triangles.
     centre: Point3<f64>,
     /// Beyond this distance, squared, the cluster is a dipole.
     far_sq: f64,
@@ -67,7 +68,8 @@ impl WindingTree {
     }
 }
 
-/// Appends the cluster of `triangles` and its descendants; `first` is where they stand in all.
+/// Appends the cluster of `triangles` and its descendants; `first` is the index of the first of
+/// them.
 fn split(triangles: &mut [[Point3<f64>; 3]], first: usize, nodes: &mut Vec<Cluster>) {
     let own = nodes.len();
     nodes.push(cluster(triangles));
@@ -114,7 +116,7 @@ fn middle([a, b, c]: &[Point3<f64>; 3]) -> Vector3<f64> {
     (a.coords + b.coords + c.coords) / 3.0
 }
 
-/// Part of the unit sphere that a triangle covers, positive from behind (van Oosterom, Strackee).
+/// Solid angle of a triangle, positive if seen from behind (van Oosterom, Strackee).
 fn solid_angle(triangle: &[Point3<f64>; 3], point: &Point3<f64>) -> f64 {
     let [a, b, c] = triangle.map(|vertex| vertex - point);
     let (la, lb, lc) = (a.norm(), b.norm(), c.norm());

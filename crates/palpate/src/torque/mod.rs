@@ -1,14 +1,13 @@
-//! What the joints feel: torques predicted from a stiffness field.
+//! Joint torques predicted from a stiffness field.
 //!
-//! This is where stiffness meets torque; [`crate::path_predictor`] sums the same up for whole paths. A
-//! spring at rest point p, displaced by u, pushes its link with the force −K u at p + u; as moment
-//! about the world's origin that is −K p × u, since u × u = 0. Summed over the contacts of a link
-//! this is one wrench, and the link's spatial Jacobian J turns it into joint torques. The other way
-//! round, a vector d over the joints, read as joint speeds, moves the link's points with
-//! v(p) = (J d)₁ + (J d)₂ × p, and `w·d = −u·v(p)`. So a frame needs only u, the cell and the link of every contact: 16 bytes a contact,
-//! in one stream, in place of a column of H. That a force is parallel to its u is what makes this
-//! possible: a contact law with other forces needs p + u as well. The rest points are kept once a cell by whoever walks
-//! over the frame.
+//! This is the module that converts stiffness to torque; [`crate::path_predictor`] does it for whole paths. A spring at
+//! rest point p, displaced by u, pushes its link with the force −K u at p + u; its moment about the world's origin is
+//! −K p × u, since u × u = 0. The sum over the contacts of a link is one wrench, which the link's spatial Jacobian J
+//! converts to joint torques. Conversely, a vector d over the joints, taken as joint speeds, moves the link's points
+//! with v(p) = (J d)₁ + (J d)₂ × p, and `w·d = −u·v(p)`. So a frame stores only u, the cell and the link of every
+//! contact: 16 bytes per contact, in one stream, instead of a column of H. This is possible because the force is
+//! parallel to u: a contact law with other forces needs p + u as well. The rest points are stored once per cell, by the
+//! caller.
 //!
 //! | paper | here                     | value                         | shape    | unit    |
 //! |-------|--------------------------|-------------------------------|----------|---------|
@@ -18,9 +17,8 @@
 //! |       | [`Observation::gram`]    | `H P Hᵀ`, P diagonal          | n × n    | (N·m)²  |
 //! |       | [`Observation::spread`]  | `Hᵀ d`, contact by contact    |          |         |
 //!
-//! Here H is made of levers, without the sign of κ: [`crate::ekf`] adds it. The module knows
-//! neither time, nor priors, nor how contacts are found. Gravity is not modelled here: the
-//! torques it explains are external ones.
+//! Here H consists of levers, without the sign of κ: [`crate::ekf`] adds it. The module depends neither on time, nor on
+//! priors, nor on how contacts are found. Gravity is not modelled here: all torques are external ones.
 
 mod simd;
 
@@ -36,7 +34,7 @@ use crate::robot::{LinkId, Poses, Robot};
 
 /// Torque that a displaced point exerts at unit stiffness: `w = −J(q, p+u)ᵀ u` (Eq. 2).
 ///
-/// This is the definition, one contact at a time; [`Observation`] computes the same by wrenches.
+/// This is the definition, for one contact; [`Observation`] computes the same from wrenches.
 ///
 /// # Shapes and units
 ///
@@ -52,14 +50,14 @@ pub fn lever(
     -robot.jacobian(poses, link, &(rest + displacement)).transpose() * displacement
 }
 
-/// Contacts in a block, one per lane.
+/// Number of contacts in a block, one per lane.
 const LANES: usize = 4;
 
-/// Four displaced points, of which millions stream by: u by axis (m, world frame) as the bits of
-/// `f32`, then the cells' rows in [`CellRows`]; 64 bytes, a line of the cache.
+/// Four displaced points: u by axis (m, world frame) as the bits of `f32`, then the cells' rows in [`CellRows`]; 64
+/// bytes, one cache line.
 type Block = [[u32; LANES]; 4];
 
-/// A block of one to four contacts. Lanes without one are not displaced and repeat the last row.
+/// A block of one to four contacts. Unused lanes have zero displacement and repeat the last row.
 fn block(contacts: impl Iterator<Item = ([f32; 3], u32)>) -> Block {
     let mut block = [[0; LANES]; 4];
     for (lane, (displacement_m, row)) in contacts.take(LANES).enumerate() {
@@ -70,7 +68,7 @@ fn block(contacts: impl Iterator<Item = ([f32; 3], u32)>) -> Block {
     block
 }
 
-/// The rows of the first so many contacts of a block.
+/// The rows of the first `count` contacts of a block.
 #[inline(always)]
 fn rows_of(&[_, _, _, rows]: &Block, count: usize) -> impl Iterator<Item = usize> + use<> {
     rows.into_iter().take(count).map(|row| row as usize)
@@ -81,11 +79,11 @@ fn displacement_m([x, y, z, _]: &Block, lane: usize) -> Vector3<f64> {
     Vector3::new(x[lane], y[lane], z[lane]).map(|bits| f64::from(f32::from_bits(bits)))
 }
 
-/// Numbers that a block takes in a frame.
+/// Size of a block in a frame, as a number of `f64`.
 const BLOCK: usize = size_of::<Block>() / size_of::<f64>();
 
-/// A touched cell as sums over contacts need it: its rest point (world frame, m) and its unknown
-/// (N/m); 32 bytes, half a line of the cache.
+/// A touched cell, as used in sums over contacts: its rest point (world frame, m) and its unknown (N/m); 32 bytes, half
+/// a cache line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(32))]
 pub struct Cell([f64; 4]);
@@ -102,7 +100,7 @@ impl Cell {
         self.0[3]
     }
 
-    /// The same, to be changed.
+    /// Mutable access to [`Self::unknown`].
     #[inline]
     pub fn unknown_mut(&mut self) -> &mut f64 {
         &mut self.0[3]
@@ -123,11 +121,11 @@ pub enum Stiffness {
     Magnitude,
 }
 
-/// One frame as the estimators see it: the displacement and row of every contact, the Jacobian of every
-/// link that touches, and the torque that they explain. Levers are formed on the fly.
+/// One frame as the estimators use it: the displacement and row of every contact, the Jacobian of every link with
+/// contacts, and the external torque. Levers are computed when they are needed.
 ///
-/// All of it is one block of memory in the order in which it is walked over, because a remembered
-/// frame comes back from far away: every detour would be waited for.
+/// All data are in one block of memory, in the order of access, because a remembered frame is loaded from main memory:
+/// every jump would cost a wait.
 #[derive(Debug, Clone)]
 pub struct Observation {
     /// τ; then for every link that touches: the number of its contacts, J column by column, and
@@ -135,35 +133,35 @@ pub struct Observation {
     stream: Vec<f64>,
     n_joints: usize,
     n_contacts: usize,
-    /// Numbers before the notes.
+    /// Length of `stream` before the notes.
     n_measured: usize,
 }
 
-/// A remembered frame on its way from main memory.
+/// Prefetches a remembered frame from main memory.
 ///
-/// The walk over a frame does so much for every contact that the processor looks only a few
-/// contacts ahead, and would wait for memory. So whoever walks over a frame asks for a little of
-/// the next one at every block, and finds it close by when its turn comes.
+/// The computation for each contact is so long that the processor looks only a few contacts ahead, and would wait for
+/// memory. So with every block of a frame, a part of the next frame is prefetched, which is then in the cache when it
+/// is visited.
 #[derive(Debug)]
 pub(crate) struct Prefetch<'a>(&'a [f64]);
 
 impl Prefetch<'_> {
-    /// Numbers by which it goes on at a block: half of one, since a visit walks over a frame twice.
+    /// Number of `f64` prefetched with each block: half a block, since a visit reads a frame twice.
     const STRIDE: usize = BLOCK / 2;
 
-    /// Nothing comes next.
+    /// There is no next frame.
     pub(crate) fn nothing() -> Self {
         Self(&[])
     }
 
-    /// Asks for a little more.
+    /// Prefetches the next [`Self::STRIDE`] numbers.
     #[inline(always)]
     fn ask(&mut self) {
         prefetch_index(self.0, 0);
         self.0 = self.0.get(Self::STRIDE..).unwrap_or_default();
     }
 
-    /// Asks for all that is left.
+    /// Prefetches the rest.
     pub(crate) fn finish(mut self) {
         while !self.0.is_empty() {
             self.ask();
@@ -173,7 +171,7 @@ impl Prefetch<'_> {
 
 /// One link's contacts in an [`Observation`].
 struct Run<'a> {
-    /// J, 6 × n_joints: wrench on the link, about the world's origin, to joint torques is `Jᵀ`.
+    /// J, 6 × n_joints: `Jᵀ` converts a wrench on the link, about the world's origin, to joint torques.
     spatial: &'a [[f64; 6]],
     n_contacts: usize,
     blocks: &'a [Block],
@@ -203,7 +201,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Builds the observation of frame after frame, and numbers their cells.
+/// Builds the observations of consecutive frames, and numbers their cells.
 #[derive(Debug, Clone)]
 pub struct ObservationBuilder {
     rows: CellRows,
@@ -211,20 +209,20 @@ pub struct ObservationBuilder {
 }
 
 impl ObservationBuilder {
-    /// A builder whose cells are numbered so far as `rows` says.
+    /// A builder that continues the numbering of cells in `rows`.
     pub fn new(rows: CellRows) -> Self {
         Self { rows, runs: RowsOfRuns::default() }
     }
 
-    /// The cells' numbers so far.
+    /// The numbering of cells so far.
     pub fn rows(&self) -> &CellRows {
         &self.rows
     }
 
     /// Builds the observation of a step; cells seen for the first time get their rows here.
     ///
-    /// `tau` is the external torque of the step, n_joints, N·m. The contacts of successive steps
-    /// are best handed to one builder: it finds the rows of cells that stayed without a look-up.
+    /// `tau` is the external torque of the step, n_joints, N·m. Use one builder for successive steps: it finds the rows
+    /// of cells that stay in contact without a look-up.
     pub fn build(
         &mut self,
         robot: &Robot,
@@ -236,7 +234,7 @@ impl ObservationBuilder {
         let n_blocks: usize =
             contacts.links.iter().map(|link| link.cells.len().div_ceil(LANES)).sum();
         let n_measured = n_joints + contacts.links.len() * (1 + 6 * n_joints) + BLOCK * n_blocks;
-        // With room for notes: an estimator keeps a vector and a matrix over the joints, or nothing.
+        // With capacity for notes: an estimator adds a vector and a matrix over the joints, or nothing.
         let mut stream = Vec::with_capacity(n_measured + n_joints * (1 + n_joints));
         stream.extend_from_slice(tau.as_slice());
         for link in &contacts.links {
@@ -269,7 +267,7 @@ impl Observation {
         observation
     }
 
-    /// The same contacts with another torque to explain, n_joints, N·m.
+    /// The same contacts with another external torque, n_joints, N·m.
     ///
     /// # Panics
     ///
@@ -279,8 +277,8 @@ impl Observation {
         self
     }
 
-    /// The same observation with the torque of each joint counting less: τ_j and the joint's column of every Jacobian,
-    /// times a weight. An estimator that takes σ_j for the noise of a torque so takes σ_j / weight_j for this one's.
+    /// Multiplies τ_j and the column of joint j in every Jacobian by a weight. An estimator with torque noise σ_j then
+    /// uses σ_j / weight_j for this observation.
     ///
     /// # Panics
     ///
@@ -303,34 +301,34 @@ impl Observation {
         self
     }
 
-    /// τ: the external torque to explain, n_joints, N·m.
+    /// τ: the external torque of the frame, n_joints, N·m.
     pub fn tau(&self) -> DVectorView<'_, f64> {
         DVectorView::from_slice(&self.stream[..self.n_joints], self.n_joints)
     }
 
-    /// Keeps numbers of an estimator with the frame, which come back when it does.
+    /// Appends *notes*: numbers of an estimator that are stored with the frame.
     pub fn note(&mut self, numbers: impl ExactSizeIterator<Item = f64>) {
-        // Left to itself, a frame that was copied, and has no room, would take twice its size.
+        // Without this, a copied frame, which has no spare capacity, would grow to twice its size.
         self.stream.reserve_exact(numbers.len());
         self.stream.extend(numbers);
     }
 
-    /// All numbers noted, in their order.
+    /// All notes, in their order.
     pub fn notes(&self) -> &[f64] {
         &self.stream[self.n_measured..]
     }
 
-    /// The same, to be changed.
+    /// Mutable access to [`Self::notes`].
     pub fn notes_mut(&mut self) -> &mut [f64] {
         &mut self.stream[self.n_measured..]
     }
 
-    /// Joints whose torque it explains.
+    /// Number of joints.
     pub fn n_joints(&self) -> usize {
         self.n_joints
     }
 
-    /// Contacts of the frame.
+    /// Number of contacts of the frame.
     pub fn n_contacts(&self) -> usize {
         self.n_contacts
     }
@@ -340,12 +338,12 @@ impl Observation {
         self.runs().flat_map(|run| run.blocks()).flat_map(|(block, count)| rows_of(block, count))
     }
 
-    /// Brings the frame closer, bit by bit, while another is walked over.
+    /// Prefetches the frame step by step, while another is visited.
     pub(crate) fn prefetch(&self) -> Prefetch<'_> {
         Prefetch(&self.stream)
     }
 
-    /// Memory that the frame holds.
+    /// Memory of the frame, bytes.
     pub fn bytes(&self) -> usize {
         size_of::<Self>() + self.stream.capacity() * size_of::<f64>()
     }
@@ -370,7 +368,7 @@ impl Observation {
         self.predict_prefetching(&mut Prefetch::nothing(), cells, stiffness)
     }
 
-    /// The same, and brings the next frame closer meanwhile.
+    /// [`Self::predict`], and prefetches the next frame meanwhile.
     pub(crate) fn predict_prefetching(
         &self,
         prefetch: &mut Prefetch<'_>,
@@ -402,7 +400,7 @@ impl Observation {
             let sums = [simd::ZERO; simd::TRIANGLE];
             let sum = simd::Gram { cells, weight: &variance, sums };
             let sum = level.run(run.blocks, run.n_contacts, &mut Prefetch::nothing(), sum);
-            // Jᵀ W J, column by column: too small for the machinery of large products.
+            // Jᵀ W J, column by column: too small for a general matrix product.
             let wrenches = Matrix6::from_fn(|i, j| sum[simd::entry(i.max(j), i.min(j))]);
             for (j, column) in run.spatial.iter().enumerate() {
                 let pushed = wrenches * Vector6::from(*column);
@@ -431,7 +429,7 @@ impl Observation {
         }
     }
 
-    /// `unknown += Hᵀ d`, cell by cell; brings the next frame closer meanwhile.
+    /// `unknown += Hᵀ d`, cell by cell; prefetches the next frame meanwhile.
     ///
     /// As a cell has one contact in a frame, four can be added at once.
     pub(crate) fn add(&self, prefetch: &mut Prefetch<'_>, cells: &mut [Cell], d: &[f64]) {

@@ -1,12 +1,11 @@
 //! Sums over the contacts of a link, four contacts at a time.
 //!
-//! Contact `i` of a run belongs to lane `i mod 4`, and lanes are added up in a fixed order: the
-//! result has the same bits on every machine; so a product and its sum are rounded once, everywhere.
-//! Where there is AVX2, four lanes are one register, and a visit takes half the time. The module
-//! knows neither joints nor links; [`super`] turns wrenches into torques.
+//! Contact `i` of a run belongs to lane `i mod 4`, lanes are summed in a fixed order, and a product and its sum are
+//! rounded once, everywhere: so the result has the same bits on every machine. With AVX2, four lanes are one register,
+//! and a visit takes half the time. The module does not depend on joints and links; [`super`] converts wrenches to
+//! torques.
 //!
-//! The loops are written out because what a closure computes is not compiled for the instruction set
-//! of its caller.
+//! The loops are written out because the body of a closure is not compiled for the instruction set of its caller.
 
 use pulp::{Scalar256b, Simd, f32x4, f64x4};
 
@@ -35,8 +34,8 @@ impl Quads for Scalar256b {
 
 #[cfg(target_arch = "x86_64")]
 impl Quads for pulp::x86::V3 {
-    /// Halves of columns are put side by side as they are loaded, which leaves only half of the
-    /// shuffles otherwise needed: of those, most processors make one at a time.
+    /// Half columns are combined while they are loaded, which halves the number of shuffles; most processors make only
+    /// one shuffle at a time.
     #[inline(always)]
     fn transpose(self, [a, b, c, d]: [&[f64; 4]; 4]) -> [f64x4; 4] {
         use pulp::cast;
@@ -66,7 +65,7 @@ pub(super) trait Sum {
     /// Its result.
     type Output;
 
-    /// Adds a block, of which the first `count` contacts count; the others are not displaced.
+    /// Adds the first `count` contacts of a block; the others have zero displacement.
     fn add<S: Quads>(&mut self, simd: S, block: &Block, count: usize);
 
     /// The result.
@@ -81,7 +80,7 @@ pub(super) struct SimdLevel {
 }
 
 impl SimdLevel {
-    /// Asks what the processor has: a dozen nanoseconds, so once per sum and not once per link.
+    /// Detects the instruction set: a dozen nanoseconds, so once per sum and not once per link.
     #[inline]
     pub(super) fn best() -> Self {
         Self {
@@ -90,7 +89,7 @@ impl SimdLevel {
         }
     }
 
-    /// Runs a sum over so many contacts, and asks for what comes next meanwhile.
+    /// Computes a sum over `n_contacts` contacts, and prefetches the next frame meanwhile.
     #[inline]
     pub(super) fn run<T: Sum>(
         self,
@@ -130,7 +129,7 @@ fn run_on<S: Quads, T: Sum>(
     sum.finish()
 }
 
-/// Four contacts: displacements u and rest points p by axis, m, and what is unknown of the cells.
+/// Four contacts: displacements u and rest points p by axis, m, and the unknowns of the cells.
 struct Quad {
     u: [f64x4; 3],
     p: [f64x4; 3],
@@ -215,8 +214,7 @@ impl Sum for Wrench<'_> {
     }
 }
 
-/// The velocity of a link that a vector over the joints, read as joint speeds, gives it: linear at the
-/// world's origin, and angular.
+/// The velocity of a link at given joint speeds: linear at the world's origin, and angular.
 pub(super) struct Twist(pub(super) [f64; 6]);
 
 impl Twist {
@@ -237,7 +235,7 @@ impl Twist {
 pub(super) struct Spread<'a, T> {
     pub(super) cells: &'a mut [Cell],
     pub(super) twist: Twist,
-    /// Gets a row's cell, the row and its value.
+    /// Called with the cell of a row, the row and the value.
     pub(super) take: T,
 }
 
@@ -255,7 +253,7 @@ impl<T: FnMut(&mut Cell, usize, f64)> Sum for Spread<'_, T> {
     fn finish(self) {}
 }
 
-/// Adds `wᵢ·d` to what is unknown of every cell: [`Spread`] where nothing else is to be done.
+/// Adds `wᵢ·d` to the unknown of every cell: a fast special case of [`Spread`].
 pub(super) struct Add<'a> {
     pub(super) cells: &'a mut [Cell],
     pub(super) twist: Twist,
@@ -276,10 +274,10 @@ impl Sum for Add<'_> {
     fn finish(self) {}
 }
 
-/// Entries of the lower triangle of a 6 × 6 matrix.
+/// Number of entries in the lower triangle of a 6 × 6 matrix.
 pub(super) const TRIANGLE: usize = 21;
 
-/// Where entry (i, j ≤ i) stands in the triangle.
+/// Index of entry (i, j ≤ i) in the triangle.
 #[inline(always)]
 pub(super) const fn entry(i: usize, j: usize) -> usize {
     i * (i + 1) / 2 + j
@@ -314,12 +312,12 @@ impl<F: Fn(usize) -> f64> Sum for Gram<'_, F> {
     }
 }
 
-/// `wᵢᵀ M wᵢ` over wrenches of every contact, for a symmetric M given by its lower triangle with
-/// what is off the diagonal doubled, row by row.
+/// `wᵢᵀ M wᵢ` over wrenches of every contact, for a symmetric M given by its lower triangle, row by row, with doubled
+/// off-diagonal entries.
 pub(super) struct Quadratic<'a, T> {
     pub(super) cells: &'a [Cell],
     pub(super) form: [f64; TRIANGLE],
-    /// Gets a row and its value.
+    /// Called with a row and the value.
     pub(super) take: T,
 }
 
@@ -347,7 +345,7 @@ impl<T: FnMut(usize, f64)> Sum for Quadratic<'_, T> {
     fn finish(self) {}
 }
 
-/// Nothing added up yet.
+/// A zero sum.
 pub(super) const ZERO: f64x4 = f64x4(0.0, 0.0, 0.0, 0.0);
 
 #[cfg(test)]
@@ -358,7 +356,7 @@ mod tests {
     use super::super::block;
     use super::*;
 
-    /// They do not fill the last block.
+    /// Number of contacts; they do not fill the last block.
     const CONTACTS: usize = 43;
 
     /// Contacts on cells of both signs.
@@ -372,7 +370,7 @@ mod tests {
         (contacts.chunks(LANES).map(|four| block(four.iter().copied())).collect(), cells)
     }
 
-    /// Whatever runs a sum.
+    /// A way to compute a sum.
     trait Runs {
         fn run<T: Sum>(&self, blocks: &[Block], sum: T) -> T::Output;
     }
@@ -393,7 +391,7 @@ mod tests {
         }
     }
 
-    /// The bits of everything that the sums give.
+    /// The bits of the results of all sums.
     fn all_sums(level: &impl Runs) -> Vec<u64> {
         let (blocks, mut cells) = frame();
         let mut out = Vec::new();

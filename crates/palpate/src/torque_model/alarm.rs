@@ -1,40 +1,42 @@
-//! When something is touched: the largest external torque of any joint, over its standard deviation, passes a
-//! threshold that contact-free motion passes so many times an hour.
+//! Contact detection: the largest external torque of any joint, over its standard deviation, exceeds a threshold that
+//! contact-free motion exceeds a given number of times an hour (false alarms).
 //!
-//! The largest of each second of contact-free motion gives the threshold: above the level that a tenth of the seconds
-//! pass, excesses are taken as exponential (the tail of most distributions, Pickands 1975 with a shape of 0). Few seconds
-//! determine their mean badly, so what counts is two standard deviations above it. It may also be small by chance, so
-//! it counts as at least what it is together with a prior, as if more seconds had been seen.
+//! The threshold follows from the largest such ratio in each second of contact-free motion. Above the level that a
+//! tenth of the seconds exceed, excesses are taken as exponential (the tail of most distributions, Pickands 1975 with a
+//! shape of 0). Few seconds determine their mean badly, so two standard deviations are added to the estimated mean. It
+//! may also be small by chance, so it is at least the estimate together with a prior, which counts as further seconds.
 
 use serde::{Deserialize, Serialize};
 
 use super::ExternalTorque;
 
-/// What share of seconds sets the level from which on excesses count.
+/// Share of the seconds that exceed the level.
 const TAIL: f64 = 0.1;
-/// Seconds of contact-free motion from which a tail can be estimated.
+/// Least number of seconds of contact-free motion to estimate a tail.
 const LEAST_SECONDS: usize = 5;
 
-/// Mean excess of the prior, as a part of the level. It was chosen on a hundred simulated arms that moved otherwise than when
-/// they were identified, so that the threshold for one false alarm per hour is passed less often than that.
+/// Mean excess of the prior, relative to the level. It was chosen on a hundred simulated arms whose motions differed
+/// from those of their identification, so that the threshold for one false alarm per hour is exceeded less often than
+/// that.
 const PRIOR_EXCESS: f64 = 0.12;
-/// Seconds in the tail that the prior counts for.
+/// Weight of the prior, as a number of seconds in the tail.
 const PRIOR_SECONDS: f64 = 10.0;
 
 /// The tail of the statistic on contact-free motion, second by second.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Alarm {
-    /// Level that a tenth of the seconds pass, standard deviations.
+    /// Level that a tenth of the seconds exceed, in standard deviations.
     pub level: f64,
-    /// Mean excess over it, two of its standard deviations higher than it was found, or than it is with the prior.
+    /// Mean excess over the level, in standard deviations: the larger of the estimates without and with the prior, each
+    /// increased by two of its standard deviations.
     pub excess: f64,
-    /// Seconds that were looked at.
+    /// Number of seconds of motion.
     pub seconds: f64,
 }
 
 impl Alarm {
-    /// Of the statistic in touches without contact, at times, s; `None` if they last less than five seconds.
+    /// From touches without contact, each a list of time, s, and statistic; `None` if they last less than five seconds.
     pub fn of(touches: &[Vec<(f64, f64)>]) -> Option<Self> {
         let mut largest: Vec<f64> = Vec::new();
         for touch in touches {
@@ -69,20 +71,21 @@ impl Alarm {
         [self.level, self.excess, self.seconds].iter().all(|own| *own >= 0.0 && own.is_finite())
     }
 
-    /// The threshold that contact-free motion passes so many times an hour, standard deviations.
+    /// The threshold that contact-free motion exceeds this many times an hour, in standard deviations.
     pub fn threshold(&self, false_alarms_per_hour: f64) -> f64 {
-        // A second passes the level with a chance of TAIL, and a threshold with that times the exponential.
+        // A second exceeds the level with probability TAIL, and a threshold above it with
+        // TAIL · exp(−(threshold − level) / excess).
         self.level + self.excess * (TAIL * 3600.0 / false_alarms_per_hour).ln().max(0.0)
     }
 }
 
-/// Two standard deviations above the mean of `n` exponential values: it has one of 1/√n of it.
+/// The mean of `n` exponential values plus two of its standard deviations, each mean/√n.
 fn high_mean(sum: f64, n: f64) -> f64 {
     sum / n * (1.0 + 2.0 / n.sqrt())
 }
 
 impl ExternalTorque {
-    /// The largest |torque| over its standard deviation, of all joints.
+    /// The largest ratio of |torque| to its standard deviation over all joints.
     pub fn statistic(&self) -> f64 {
         let joints = self.torque.iter().zip(&self.std);
         joints.map(|(torque, std)| (torque / std).abs()).fold(0.0, f64::max)

@@ -1,8 +1,8 @@
-//! External torque of every sample of a touch: what is measured, less what the model says the arm itself takes.
+//! External torque of every sample of a touch: the measured torque minus that of the arm itself, by the model.
 //!
-//! The motion is computed at the time of the torque less the delay. Beside a running robot the window ends now, so some
-//! of it lies after that time. Where a log has no clock, or one that is slower than the window, speeds are not known: gravity, bias and
-//! Coulomb friction are taken off, and the rest is in the standard deviation.
+//! The motion is computed at the time of the torque minus the delay. For a running robot the window ends at the
+//! present, so a part of it may be later than that time. If a log has no times, or too few samples in a window, speeds
+//! are not known: gravity, bias and Coulomb friction are subtracted, and the standard deviation covers the rest.
 
 use std::sync::Arc;
 
@@ -20,26 +20,26 @@ use crate::tracker::{Sample, TrackerError};
 /// External torque at a sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExternalTorque {
-    /// n_joints, N·m, as the environment exerts it on the joints.
+    /// Torque that the environment exerts on the joints, n_joints, N·m.
     pub torque: DVector<f64>,
-    /// Standard deviation of that, n_joints, N·m.
+    /// Its standard deviation, n_joints, N·m.
     pub std: DVector<f64>,
 }
 
-/// How the joints move at a time, with the states of their friction.
+/// Motion of the joints at a time, with the states of their friction.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Motion {
     /// Positions, n_joints, rad or m.
     pub q: Vec<f64>,
-    /// Per second.
+    /// Speeds, n_joints, rad/s or m/s.
     pub speed: Vec<f64>,
-    /// Per second squared.
+    /// Accelerations, n_joints, rad/s² or m/s².
     pub acceleration: Vec<f64>,
-    /// State of friction, −1 to 1.
+    /// States of friction, −1 to 1.
     pub friction: Vec<f64>,
-    /// What is not known of that, 0 to 1.
+    /// Uncertainty of these states, 0 to 1.
     pub unknown: Vec<f64>,
-    /// How far the speed and the acceleration may be off where samples are on one side only: [`Fit::doubt`].
+    /// Possible errors of speeds and accelerations where samples are on one side only: [`Fit::doubt`].
     pub doubt: Option<[Vec<f64>; 2]>,
 }
 
@@ -51,17 +51,17 @@ pub struct TouchMotion {
     friction: Vec<Vec<FrictionState>>,
     /// The presliding distance of each joint, rad.
     presliding: Vec<f64>,
-    /// Samples without a time.
+    /// Whether samples are counted instead of timed.
     untimed: bool,
 }
 
 impl TouchMotion {
-    /// No motion yet, of joints whose friction turns over these presliding distances (n_joints, rad).
+    /// An empty motion, of joints with these presliding distances (n_joints, rad).
     pub fn new(presliding: Vec<f64>) -> Self {
         Self { presliding, ..Self::default() }
     }
 
-    /// The motion of a touch, as [`Self::new`]. A clock that stands still throughout does not count.
+    /// The motion of a touch; arguments as for [`Self::new`]. If all times are equal, they are not used.
     pub fn of(robot: &Robot, samples: &[Sample], presliding: Vec<f64>) -> Self {
         let mut motion = Self::new(presliding);
         samples.iter().for_each(|sample| motion.push(robot, sample));
@@ -71,14 +71,14 @@ impl TouchMotion {
         motion
     }
 
-    /// Counts samples in place of their times.
+    /// Replaces the times of samples by their numbers.
     fn count_samples(&mut self) {
         self.untimed = true;
         let numbered = self.times_s.iter_mut().enumerate();
         numbered.for_each(|(number, time_s)| *time_s = number as f64);
     }
 
-    /// Adds a sample. Where the clock goes back, it does not count: samples are then counted in place of their times.
+    /// Adds a sample. If it has no time, or an earlier one than the last sample, times are replaced by sample numbers.
     pub fn push(&mut self, robot: &Robot, sample: &Sample) {
         let q = match self.positions.last() {
             Some(last) => {
@@ -97,7 +97,7 @@ impl TouchMotion {
         self.times_s.push(sample.time_s.filter(|_| !self.untimed).unwrap_or(counted));
         self.friction.push(vec![FrictionState::default(); q.len()]);
         self.positions.push(q);
-        // Whether the joint turned before the last sample shows only now.
+        // Whether the joint reversed before the last sample is known only now.
         let n = self.positions.len();
         for k in n.saturating_sub(2).max(1)..n {
             self.friction[k] = (0..sample.q.len())
@@ -108,7 +108,7 @@ impl TouchMotion {
         }
     }
 
-    /// Forgets samples before a time, s, but for the last four; without a clock, all but those.
+    /// Forgets samples before a time, s, except for the last four; without times, all except the last four.
     pub(crate) fn forget_before(&mut self, time_s: f64) {
         let n = self.times_s.len();
         let old =
@@ -124,7 +124,7 @@ impl TouchMotion {
         &self.times_s
     }
 
-    /// The clock of the samples, s, if there is one.
+    /// Times of the samples, s, if they have valid ones.
     pub(super) fn clock(&self) -> Option<&[f64]> {
         (!self.untimed).then_some(&self.times_s)
     }
@@ -134,7 +134,7 @@ impl TouchMotion {
         &self.positions
     }
 
-    /// Whether speeds can be determined: there is a clock, with at least four samples in a window of `2 · half_s`.
+    /// Whether speeds can be determined: samples have times, with at least four samples in a window of `2 · half_s`.
     pub fn is_timed(&self, half_s: f64) -> bool {
         let n = self.times_s.len();
         let span = self.times_s.last().unwrap_or(&0.0) - self.times_s.first().unwrap_or(&0.0);
@@ -153,7 +153,7 @@ impl TouchMotion {
         each.collect()
     }
 
-    /// State of the friction of a joint at a time, s, out of [`Self::friction_of`] it.
+    /// State of the friction of a joint at a time, s, from its states of [`Self::friction_of`].
     ///
     /// # Panics
     ///
@@ -168,7 +168,7 @@ impl TouchMotion {
         self.moved(place, joint, (states[place.0], presliding))
     }
 
-    /// A state of friction at a sample, moved on with a joint for a part of the way to the next.
+    /// The state of friction after a part (0 to 1) of the motion of a joint from one sample to the next.
     fn moved(
         &self,
         (before, after, part): (usize, usize, f64),
@@ -183,7 +183,7 @@ impl TouchMotion {
         state
     }
 
-    /// The samples before and after a time, s, and how far it is from the first to the second, 0 to 1.
+    /// The samples before and after a time, s, and where the time is between them, 0 to 1.
     ///
     /// # Panics
     ///
@@ -196,7 +196,7 @@ impl TouchMotion {
         (before, after, part)
     }
 
-    /// The motion at a time, s, out of windows of `2 · half_s`.
+    /// The motion at a time, s, from windows of `2 · half_s`.
     ///
     /// # Panics
     ///
@@ -215,7 +215,7 @@ impl TouchMotion {
             let ends = self.positions[before].iter().zip(&self.positions[after]);
             let q: Vec<f64> = ends.map(|(a, b)| mix(*a, *b)).collect();
             let rest = vec![0.0; q.len()];
-            // A stream that has just begun; if samples are too far apart for speeds, the noise has what that costs.
+            // A stream that has just begun. If samples are too far apart for speeds, the noise covers the error.
             let is_new = !self.untimed && self.times_s.len() < 4;
             let doubt = is_new.then(|| [(); 2].map(|()| vec![f64::INFINITY; q.len()]));
             let (speed, acceleration) = (rest.clone(), rest);
@@ -227,16 +227,16 @@ impl TouchMotion {
     }
 }
 
-/// What a model makes of a sample.
+/// External torque of a sample by a model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Explained {
-    /// τ_ext: what is measured less what the arm itself takes, n_joints, N·m.
+    /// τ_ext: the measured torque minus that of the arm itself, n_joints, N·m.
     pub external: DVector<f64>,
-    /// How uncertain that is, for each joint.
+    /// What its noise depends on, for each joint.
     pub factors: Vec<NoiseFactors>,
 }
 
-/// What the noise of a joint's torque grows with.
+/// What the noise of a joint's torque depends on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoiseFactors {
     /// Position, rad.
@@ -247,25 +247,25 @@ pub struct NoiseFactors {
     pub unknown: f64,
     /// Speed, rad/s.
     pub speed: f64,
-    /// Torque that inertia takes, N·m.
+    /// Torque of inertia, N·m.
     pub inertia: f64,
-    /// By how much the torque of the arm's motion may be off at the beginning and the end of a log, N·m.
+    /// Possible error of the torque of the arm's motion at the beginning and the end of a log, N·m.
     pub at_end: f64,
 }
 
 impl NoiseFactors {
-    /// Standard deviation of a joint's torque where friction's direction is known, N·m.
+    /// Standard deviation of a joint's torque if the state of friction is known, N·m.
     pub fn std(&self, noise: &TorqueNoise) -> f64 {
         noise.std(self.turning, self.speed, self.inertia).hypot(self.at_end)
     }
 }
 
-/// Top speed of a joint whose URDF says none, rad/s or m/s.
+/// Top speed of a joint without one in the URDF, rad/s or m/s.
 const FASTEST: f64 = 3.0;
 
 impl Motion {
-    /// Speeds and accelerations that may be true in place of those here, if they are in doubt. What nothing is known of is
-    /// what a joint can do: its top speed, reached within a window.
+    /// If speeds and accelerations are in doubt, those that may be true instead. The doubt is limited to what a joint
+    /// can do: its top speed, reached within a window.
     fn doubted(&self, robot: &Robot, half_s: f64) -> Option<[Vec<f64>; 2]> {
         let [speed, acceleration] = self.doubt.as_ref()?;
         let most = |j: usize| robot.joints()[j].velocity.unwrap_or(FASTEST);
@@ -279,14 +279,15 @@ impl Motion {
     }
 }
 
-/// External torques of the samples of a touch, as far as a model knows the arm.
+/// External torques of the samples of a touch, by a model of the arm.
 ///
-/// The tare is not taken off: the model has the bias, as far as it was the same when the arm was identified. Centred, stamps
-/// that are clearly not when the joints were read are corrected ([`with_read_times`]).
+/// No tare is subtracted: the model includes the bias, as it was when the arm was identified. With
+/// [`Differentiation::Centred`], time stamps that clearly differ from the times at which the joints were read are
+/// corrected ([`with_read_times`]).
 ///
 /// # Errors
 ///
-/// If a sample does not fit the robot, or holds a torque that is no number of N·m; or if the model is of another arm.
+/// If a sample does not fit the robot, or has an invalid torque; or if the model is of another arm.
 pub fn external_torques(
     robot: &Robot,
     model: &TorqueModel,
@@ -308,7 +309,8 @@ pub fn external_torques(
     Ok(explained.iter().map(|(_, explained)| explained.with_std(&model)).collect())
 }
 
-/// What a model, as it holds for a way of differentiation, makes of some samples of a touch, by number.
+/// External torques of some samples of a touch, each with its number, by a model for this kind of differentiation
+/// ([`TorqueModel::for_differentiation`]); `which` selects the samples.
 ///
 /// # Errors
 ///
@@ -338,7 +340,7 @@ pub fn explain(
 }
 
 impl TorqueModel {
-    /// What it makes of torques that are measured in a motion, with inertial parameters of [`TorqueModel::check`].
+    /// External torque from the measured torque `tau` in a motion; `parameters` are those of [`TorqueModel::check`].
     pub(crate) fn explain(
         &self,
         robot: &Robot,
@@ -379,7 +381,7 @@ impl TorqueModel {
                     let taken = at_rest[j] + inertia + joint.friction.torque(z, speed) + ripple[j];
                     (sign * tau[j] - bias) / joint.gain + taken
                 }
-                // The robot has taken all of that off, as it knows it.
+                // The robot has subtracted all of that by its own model.
                 Gravity::Removed => sign * tau[j],
             };
             let at_end = moved.as_ref().map_or(0.0, |(other, other_speed, other_acceleration)| {
@@ -396,10 +398,10 @@ impl TorqueModel {
 }
 
 impl Explained {
-    /// With the standard deviation that the model says.
+    /// Adds the standard deviation by the model.
     pub fn with_std(&self, model: &TorqueModel) -> ExternalTorque {
         let std = self.factors.iter().zip(&model.joints).map(|(factors, joint)| {
-            // A state that can be anything between two bounds is uniform between them.
+            // An unknown state is uniform between its bounds.
             let friction = joint.friction.coulomb * factors.unknown / 3_f64.sqrt();
             factors.std(&joint.noise).hypot(friction)
         });
@@ -408,7 +410,7 @@ impl Explained {
     }
 }
 
-/// External torques beside a running robot, sample by sample, out of what came before each.
+/// External torques of a running robot, sample by sample, from earlier samples only.
 #[derive(Debug, Clone)]
 pub struct TorqueStream {
     arm: Arc<Arm>,
@@ -419,7 +421,7 @@ pub struct TorqueStream {
 }
 
 impl TorqueStream {
-    /// Of an arm that was identified, whose torques are logged as `config` says.
+    /// For an identified arm, whose torques have the convention of `config`.
     ///
     /// # Errors
     ///
@@ -436,18 +438,18 @@ impl TorqueStream {
         Ok(Self { arm, model, parameters, config, motion })
     }
 
-    /// Forgets what came before: the next sample does not go on from it.
+    /// Forgets all samples: the next one starts a new motion.
     pub fn begin(&mut self) {
         self.motion = TouchMotion::new(std::mem::take(&mut self.motion.presliding));
     }
 
-    /// The sample with its external torque, and the standard deviation of that, in place of the measured one.
+    /// The sample with its external torque and the standard deviation of that, instead of the measured torque.
     ///
-    /// A clock that goes back begins anew.
+    /// If the time goes back, a new motion starts.
     ///
     /// # Errors
     ///
-    /// If the sample does not fit the robot, or holds a value that is no number; it is left out then.
+    /// If the sample does not fit the robot, or has an invalid value; it is then ignored.
     pub fn external(&mut self, sample: &Sample) -> Result<Sample, TrackerError> {
         let poses = self.arm.robot.forward(&sample.q)?;
         self.config.untared(&self.arm.robot, &poses, &sample.tau)?;
@@ -464,7 +466,7 @@ impl TorqueStream {
         let motion = self.motion.at(now_s - model.delay_s, model.window_s, window);
         let found = model.explain(robot, &self.parameters, &self.config, &motion, &sample.tau)?;
         let found = found.with_std(model);
-        // One more window is left for samples that are late.
+        // One more window is kept for late samples.
         self.motion.forget_before(now_s - model.delay_s.abs() - 4.0 * model.window_s);
         Ok(Sample {
             time_s: sample.time_s,

@@ -1,35 +1,36 @@
 //! Friction of a joint.
 //!
-//! Coulomb friction with the hysteresis that it has at turns: its state is a *stop operator*, which moves with the joint
-//! and is held between −1 and 1, so that friction goes from one direction to the other over twice the presliding
-//! distance, and stays where it is while the joint stands still (Dahl's model with an exponent of 0). Beyond that,
-//! friction that falls with speed from breakaway on (Stribeck), a viscous part, and a part that both directions have
-//! in common:
+//! Coulomb friction with hysteresis where the joint reverses: its state z is a *stop operator*, which moves with the
+//! joint and is limited to −1 to 1, so that friction goes from one direction to the other over twice the presliding
+//! distance, and stays constant while the joint stands still (Dahl's model with an exponent of 0). Added to that are
+//! friction that falls with speed from breakaway on (Stribeck), a viscous part, and a part that is the same in both
+//! directions:
 //!
 //! ```text
 //! F = z (coulomb + breakaway · exp(−|q̇| / stribeck)) + asymmetry · |z| + viscous · q̇
 //! ```
 //!
-//! What the state is where a log begins nobody knows: it is followed from both ends, which meet when the joint has
+//! At the start of a log the state is unknown: its lower and upper bounds are followed, which meet when the joint has
 //! moved far enough.
 
 use serde::{Deserialize, Serialize};
 
-/// Friction of a joint, N·m (N where prismatic) and s/rad.
+/// Friction of a joint; the units are those of a revolute joint (else N and m for N·m and rad).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JointFriction {
-    /// Coulomb friction, mean of both directions.
+    /// Coulomb friction, mean of both directions, N·m.
     pub coulomb: f64,
-    /// Half of the difference between the directions.
+    /// Half of the difference between the directions, N·m.
     pub asymmetry: f64,
-    /// What friction is larger by at the slowest.
+    /// How much larger friction is at the slowest speeds, N·m.
     pub breakaway: f64,
-    /// Speed at which that has fallen to 1/e.
+    /// Speed at which the breakaway part has fallen to 1/e, rad/s.
     pub stribeck: f64,
-    /// By speed.
+    /// Viscous friction, N·m·s/rad.
     pub viscous: f64,
-    /// How far the joint moves until friction is that of its direction, rad; 0 is at once.
+    /// How far the joint moves after a reversal until half of the change of its friction is over, rad; with 0, friction
+    /// changes at once.
     pub presliding: f64,
 }
 
@@ -60,10 +61,12 @@ impl Default for FrictionState {
 }
 
 impl FrictionState {
-    /// Moves with the joint from the second of four positions, rad, one sample each, a part of the way to the third. Where
-    /// the joint turns round, it turns on the parabola through the first three, between the samples.
+    /// Follows the joint over a part (0 to 1) of the motion from the second to the third of four positions at
+    /// consecutive samples, rad. Where the joint reverses, it does so between the samples, on the parabola through the
+    /// first three.
     ///
-    /// The fourth distinguishes a turn from a stop: a joint that stops, or a position that is logged twice, is no turn.
+    /// The fourth distinguishes a reversal from a stop: a joint that stops, or a position that is logged twice, is no
+    /// reversal.
     pub fn follow(&mut self, [before, from, to, after]: [f64; 4], part: f64, presliding: f64) {
         let (came, way) = (from - before, to - from);
         if came * way >= 0.0 && came * (after - to) >= 0.0 {
@@ -77,7 +80,7 @@ impl FrictionState {
         self.advance(at(part) - at(turn), presliding);
     }
 
-    /// Moves with the joint by a way, rad.
+    /// Follows the joint over a displacement, rad.
     pub fn advance(&mut self, way: f64, presliding: f64) {
         let step = if presliding > 0.0 { way / presliding } else { way.signum() * 2.0 };
         if way != 0.0 {
@@ -86,24 +89,24 @@ impl FrictionState {
         }
     }
 
-    /// The middle of what the state can be, −1 to 1.
+    /// Middle between the bounds of the state, −1 to 1.
     pub fn middle(self) -> f64 {
         f64::midpoint(self.low, self.high)
     }
 
-    /// Half of the distance between the bounds, 0 to 1: what is not known of the state.
+    /// Half of the distance between the bounds, 0 to 1: the uncertainty of the state.
     pub fn unknown(self) -> f64 {
         0.5 * (self.high - self.low)
     }
 }
 
 impl JointFriction {
-    /// What the four coefficients are multiplied by: `coulomb, asymmetry, breakaway, viscous`.
+    /// Factors of the four coefficients `coulomb, asymmetry, breakaway, viscous`.
     pub fn factors(z: f64, speed: f64, stribeck: f64) -> [f64; 4] {
         [z, z.abs(), z * (-speed.abs() / stribeck).exp(), speed]
     }
 
-    /// Torque that the motor needs against it in a state and at a speed.
+    /// Torque that the motor needs against friction, N·m, at a state z and a speed, rad/s.
     pub fn torque(&self, z: f64, speed: f64) -> f64 {
         let own = [self.coulomb, self.asymmetry, self.breakaway, self.viscous];
         own.iter()
@@ -134,13 +137,14 @@ mod tests {
 
     #[test]
     fn a_joint_turns_between_two_samples() {
-        // The parabola from 1 to 1 turns halfway; friction that turns at once is that of the way back at its end.
+        // The parabola from 1 to 1 reverses halfway; with a presliding distance of 0, friction at its end is
+        // that of the way back.
         for (part, wanted) in [(0.4, 1.0), (1.0, -1.0)] {
             let mut state = FrictionState::default();
             state.follow([0.0, 1.0, 1.0, 0.0], part, 0.0);
             assert_eq!(state.middle(), wanted);
         }
-        // What goes on in one direction goes as far as the samples do.
+        // A motion in one direction is followed from sample to sample.
         let mut state = FrictionState { low: -1.0, high: -1.0 };
         state.follow([0.0, 0.5, 1.0, 1.5], 1.0, 0.5);
         assert_eq!(state.middle(), 0.0);

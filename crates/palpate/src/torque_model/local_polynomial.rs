@@ -1,17 +1,17 @@
-//! Position, speed and acceleration of joints from the positions that a log has, by a polynomial that is fitted to the
-//! samples of a window around each time (Savitzky and Golay 1964, with weights that fall to zero at the window's ends,
-//! and samples at any times).
+//! Position, speed and acceleration of joints from logged positions, by a polynomial that is fitted to the samples of a
+//! window around each time (Savitzky and Golay 1964, with weights that fall to zero at the window's ends, and samples
+//! at any times).
 
 use nalgebra::{DMatrix, SMatrix, SVector};
 
 /// Where the window of a fit lies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Window {
-    /// Around the time; at the ends of the log as near to that as possible.
+    /// Around the time; near the ends of the log shifted into the log.
     Centred,
-    /// Before now, which may be later than the time.
+    /// Before the present, which may be later than the time of the fit.
     Causal {
-        /// Now, s.
+        /// The present, s.
         now_s: f64,
     },
 }
@@ -21,16 +21,16 @@ pub enum Window {
 pub struct Fit {
     /// Values.
     pub value: Vec<f64>,
-    /// Per second.
+    /// First derivatives, per second.
     pub first: Vec<f64>,
-    /// Per second squared.
+    /// Second derivatives, per second squared.
     pub second: Vec<f64>,
-    /// At the ends of a log, where a window is not full: by how much the derivatives of a polynomial of a higher degree differ,
-    /// per second and per second squared; infinite where there are too few samples for that.
+    /// At the ends of a log, where a window is not full: differences to the first and second derivatives of a
+    /// polynomial of a higher degree, per second and per second squared; infinite with too few samples for that degree.
     pub doubt: Option<[Vec<f64>; 2]>,
 }
 
-/// Values at times, some at each, of which a polynomial is fitted to those near a time.
+/// Vectors of values at times; polynomials are fitted to the values near a time.
 #[derive(Debug, Clone)]
 pub struct LocalPolynomial<'a> {
     times_s: &'a [f64],
@@ -40,7 +40,7 @@ pub struct LocalPolynomial<'a> {
 }
 
 impl<'a> LocalPolynomial<'a> {
-    /// Of values at rising times, s, with windows of `2 · half_s`.
+    /// For values at ascending times, s, with windows of `2 · half_s`.
     ///
     /// # Panics
     ///
@@ -50,8 +50,8 @@ impl<'a> LocalPolynomial<'a> {
         Self { times_s, values, half_s, window }
     }
 
-    /// The polynomial's value and derivatives at a time, s: of the third degree, at the ends of a log of the second.
-    /// Fewer samples than it takes give a lower degree.
+    /// The polynomial's value and derivatives at a time, s. Its degree is three, two at the ends of a log, zero at the
+    /// very start of a causal one, and lower if there are too few samples.
     pub fn at(&self, time_s: f64) -> Fit {
         let (first, last) = (self.times_s[0], self.times_s[self.times_s.len() - 1]);
         let room = |low: f64, high: f64| low >= first && high <= last;
@@ -65,14 +65,14 @@ impl<'a> LocalPolynomial<'a> {
             low = low.min(last - wide).max(first);
             high = high.max(first + wide).min(last);
         }
-        // What is known of too short a time is where the joint stands: noise would make any speed of it.
+        // From so short a time only the position is known: a speed would be mostly noise.
         let is_short = self.window != Window::Centred && time_s - first < 0.5 * self.half_s;
         let (degree, higher) = match (inside, is_short) {
             (true, _) => (3, None),
             (false, true) => (0, Some(2)),
             (false, false) => (2, Some(3)),
         };
-        // A rounding error of a clock is no reason to lose a sample.
+        // Rounding errors of the clock must not exclude a sample.
         let slack = 1e-9 * wide;
         let start = self.times_s.partition_point(|time| *time < low - slack);
         let end = self.times_s.partition_point(|time| *time <= high + slack);

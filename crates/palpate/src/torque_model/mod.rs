@@ -1,4 +1,4 @@
-//! What an arm's torque sensors hold besides external torque, as `palpate identify` finds it.
+//! Model of an arm's measured torques besides external torque, as found by `palpate identify`.
 //!
 //! ```text
 //! s·τ_measured(t) = gain · (τ_ext − Y(q, q̇, q̈) π − F(q̇))  + bias(q)        at the motion of t − delay
@@ -6,17 +6,16 @@
 //!
 //! `s` is the sign of [`crate::ExternalTorqueConfig`], `Y π` the inverse dynamics of the robot
 //! (`Robot::inverse_dynamics`), `F` friction and the inertia of the drives. Solved for `τ_ext`, this is an estimate of
-//! the external torque at every sample; its standard deviation is that of the model's residual on motions that it
-//! was not identified on.
+//! the external torque at every sample; its standard deviation is that of the model's residual on held-out motions.
 //!
-//! | file               | says                                                                  |
+//! | file               | contents                                                              |
 //! |--------------------|-----------------------------------------------------------------------|
-//! | `friction`         | Coulomb, viscous and breakaway friction, with hysteresis at turns     |
+//! | `friction`         | Coulomb, viscous and breakaway friction, with hysteresis at reversals |
 //! | `local_polynomial` | position, speed and acceleration from logged positions                |
-//! | `ripple`           | torque that comes back with the teeth of a gear, and shakes the arm   |
+//! | `ripple`           | torque that repeats with the teeth of a gear                          |
 //! | `external`         | external torques of a touch, with their standard deviations           |
-//! | `stamps`           | when joints were read, where a log's stamps are not that              |
-//! | `alarm`            | when something is touched, at a rate of false alarms                  |
+//! | `stamps`           | times at which joints were read, if time stamps differ from them      |
+//! | `alarm`            | contact detection at a given rate of false alarms                     |
 
 mod alarm;
 mod external;
@@ -44,49 +43,49 @@ use crate::robot::Robot;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TorqueModel {
-    /// How much later than positions torques are logged, s.
+    /// Delay of the torques relative to the positions in a log, s.
     pub delay_s: f64,
-    /// Half of the time window out of which speeds and accelerations are computed, s.
+    /// Half of the time window from which speeds and accelerations are computed, s.
     pub window_s: f64,
-    /// In the robot's order.
+    /// The joints, in the robot's order.
     #[serde(rename = "joint")]
     pub joints: Vec<JointModel>,
     /// Ten inertial parameters for each body (`Robot::inertial_parameters`); empty: as in the URDF.
     #[serde(default)]
     pub inertial: Vec<f64>,
-    /// What statistics of contact-free motion allow to detect.
+    /// Statistics of contact-free motion, for contact detection.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub alarm: Option<Alarm>,
-    /// The same beside a running robot, where nothing is known of what comes.
+    /// What differs for a running robot, where later samples are not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub causal: Option<Causal>,
 }
 
-/// Whether speeds at a sample come from what lies around it, or from what came before it alone.
+/// Whether speeds at a sample are computed from the samples around it, or from earlier samples only.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Differentiation {
-    /// From a window around each sample: of logs.
+    /// From a window around each sample: for logs.
     #[default]
     Centred,
-    /// From a window before each sample: beside a running robot.
+    /// From a window before each sample: for a running robot.
     Causal,
 }
 
-/// What is different where speeds are known from the past alone.
+/// What differs if speeds are computed from earlier samples only.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Causal {
-    /// Half of the time before now out of which speeds and accelerations are computed, s.
+    /// Half of the time window before the present from which speeds and accelerations are computed, s.
     pub window_s: f64,
     /// Noise of the residual, in the robot's order.
     pub noise: Vec<TorqueNoise>,
-    /// What that allows to detect.
+    /// Statistics of contact-free motion with this noise, for contact detection.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub alarm: Option<Alarm>,
 }
 
 impl Causal {
-    /// Whether it is one window and one noise for each joint.
+    /// Whether it has a valid window, and a valid noise for each joint.
     fn fits(&self, joints: usize) -> bool {
         let is = |own: f64, least: f64| own >= least && own.is_finite();
         let is_noise = |own: &TorqueNoise| {
@@ -106,37 +105,37 @@ pub struct JointModel {
     pub name: String,
     /// Measured over true torque; where a drive's current is logged, the inverse of its torque constant.
     pub gain: f64,
-    /// Measured torque where there is none, N·m; its parts with cos q and sin q.
+    /// Measured torque at zero torque, N·m: a constant, and the factors of cos q and sin q.
     pub bias: [f64; 3],
-    /// Inertia of the drive beyond the link's, seen at the joint, kg·m².
+    /// Inertia of the drive, in addition to that of the links, at the joint, kg·m².
     pub rotor_inertia: f64,
     /// Friction.
     pub friction: JointFriction,
-    /// Ripple of its gears, and what each joint feels of it.
+    /// Ripple of its gears, in the torques of all joints.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub ripple: Vec<Ripple>,
     /// Noise of the residual.
     pub noise: TorqueNoise,
 }
 
-/// Variance of a model's residual in a joint's external torque: a sum of squares, each of a part that grows with how
-/// the joint moves.
+/// Variance of a model's residual in a joint's external torque: the sum of the squares of these parts, which depend on
+/// the motion of the joint.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TorqueNoise {
-    /// Always, N·m.
+    /// Constant part, N·m.
     pub still: f64,
-    /// While the joint turns round and its friction is between two directions, N·m.
+    /// Part while the joint reverses and its friction is between the two directions, N·m.
     pub turning: f64,
-    /// By speed, N·m·s/rad.
+    /// Part in proportion to the speed, N·m·s/rad.
     pub by_speed: f64,
-    /// By the part of the torque that inertia takes.
+    /// Part in proportion to the torque of inertia, without unit.
     pub by_inertia: f64,
 }
 
 impl TorqueNoise {
-    /// Standard deviation, N·m, of a joint that is `turning` (0: its friction is that of a direction, to 1), at a speed
-    /// and with a torque of inertia.
+    /// Standard deviation, N·m, at a speed, rad/s, and a torque of inertia, N·m; `turning` is 0 if friction is that of
+    /// one direction, up to 1 in a reversal.
     pub fn std(&self, turning: f64, speed: f64, inertia: f64) -> f64 {
         let parts =
             [self.still, self.turning * turning, self.by_speed * speed, self.by_inertia * inertia];
@@ -145,7 +144,7 @@ impl TorqueNoise {
 }
 
 impl JointModel {
-    /// What of it cannot be, as a sentence without its name.
+    /// Checks its numbers; the error is a sentence without the name of the joint.
     fn check(&self, joints: usize) -> Result<(), String> {
         let Self { gain, bias, rotor_inertia, friction, noise, ripple, .. } = self;
         let is = |value: f64, wanted: bool| value.is_finite() && wanted;
@@ -177,14 +176,14 @@ impl JointModel {
 }
 
 impl TorqueModel {
-    /// Whether it was identified on motor currents: most gains are far from 1, where those of torques are.
+    /// Whether it was identified from motor currents: most gains are far from 1, unlike those of torques.
     pub fn is_of_currents(&self) -> bool {
         let far = self.joints.iter().filter(|joint| !(0.7..1.4).contains(&joint.gain)).count();
         2 * far > self.joints.len()
     }
 
-    /// What is assumed of an arm that nobody has identified: masses as in its URDF, no friction, and a standard
-    /// deviation that is a guess: 0.5 % of the joint's effort limit at rest, 1.5 % while it moves.
+    /// Default model of an arm that was not identified: masses as in its URDF, no friction, and a guessed standard
+    /// deviation: 0.5 % of the joint's effort limit at rest, 1.5 % while it moves.
     pub fn of_urdf(robot: &Robot) -> Self {
         let joints = robot.joints().iter().map(|joint| {
             let effort = joint.effort.unwrap_or(40.0);
@@ -213,7 +212,7 @@ impl TorqueModel {
         }
     }
 
-    /// The model with the window, noise and alarm that hold for a way of differentiation.
+    /// The model with the window, noise and alarm for this kind of differentiation.
     #[must_use]
     pub fn for_differentiation(mut self, differentiation: Differentiation) -> Self {
         if differentiation == Differentiation::Causal
@@ -227,11 +226,12 @@ impl TorqueModel {
         self
     }
 
-    /// Inertial parameters of the robot's bodies: the model's, or the robot's own.
+    /// Checks the model for a robot, and returns the inertial parameters of its bodies: the model's, or else the
+    /// robot's.
     ///
     /// # Errors
     ///
-    /// A model of another number of joints or bodies, or of joints with other names, or a number that cannot be, as a
+    /// A model of another number of joints or bodies, or of joints with other names, or an invalid number, as a
     /// sentence.
     pub fn check(&self, robot: &Robot) -> Result<DVector<f64>, String> {
         let own: Vec<&str> = robot.joint_names().collect();

@@ -1,37 +1,40 @@
-//! Ripple of a joint's gears: torque that comes back a number of times in each turn of the joint, as the teeth of a
-//! strain wave gear make it (Taghirad and Bélanger 1998). It shakes the whole arm, which swings with some frequencies
-//! more than with others, so other joints feel it as well, and its size and phase depend on its frequency `f`:
+//! Ripple of a joint's gears: torque that repeats a number of times in each turn of the joint, caused by the teeth of a
+//! strain wave gear (Taghirad and Bélanger 1998). It excites vibrations of the whole arm, at some frequencies more than
+//! at others, so it appears in the torques of other joints as well, and its amplitude and phase depend on its frequency
+//! `f`:
 //!
 //! ```text
 //! a(f) cos(n q) + c(f) sin(n q),    f = n q̇ / 2π
 //! ```
 //!
-//! `a` and `c` are linear between knots every [`STEP_HZ`], forwards and backwards; at rest there is no ripple.
+//! `a` and `c` are linear between knots every [`STEP_HZ`], with separate values for both directions; at rest there is
+//! no ripple.
 
 use std::f64::consts::TAU;
 
 use serde::{Deserialize, Serialize};
 
-/// Distance of the knots, Hz.
+/// Distance between knots, Hz.
 const STEP_HZ: f64 = 10.0;
-/// Knots of one direction; above the last, nothing changes any more.
+/// Number of knots of one direction; above the last, coefficients are constant.
 const KNOTS: usize = 6;
 
-/// Coefficients of one order for one joint that feels it.
+/// Number of coefficients of one order, for one joint in whose torque it appears.
 pub const RIPPLE_COEFFICIENTS: usize = 4 * KNOTS;
 
 /// Ripple of one order.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ripple {
-    /// How often it comes back in a turn of the joint: n.
+    /// Number of repetitions in a turn of the joint: n.
     pub order: f64,
-    /// For each joint of the robot `a₁ c₁ a₂ c₂ …` of the knots forwards, then backwards, N·m; empty: it feels nothing.
+    /// For each joint of the robot `a₁ c₁ a₂ c₂ …` of the knots forwards, then backwards, N·m; empty for a joint
+    /// without this ripple.
     pub coefficients: Vec<Vec<f64>>,
 }
 
 impl Ripple {
-    /// The two knots that count at a speed of the joint, by number, and their weights.
+    /// The two knots on both sides of a speed of the joint, by number, and their weights.
     pub fn knots(order: f64, speed: f64) -> [(usize, f64); 2] {
         let place = ((order * speed / TAU).abs() / STEP_HZ).min(KNOTS as f64);
         let below = (place as usize).min(KNOTS - 1);
@@ -42,7 +45,7 @@ impl Ripple {
         [(first + below.saturating_sub(1), weight), (first + below, part)]
     }
 
-    /// The coefficients that count at a position and a speed of the joint, by number, and what each is multiplied by.
+    /// Numbers and factors of the coefficients that are used at a position and a speed of the joint.
     pub fn factors(order: f64, q: f64, speed: f64) -> [(usize, f64); 4] {
         let (sin, cos) = (order * q).sin_cos();
         let [(lower, below), (upper, part)] = Self::knots(order, speed);
@@ -54,7 +57,7 @@ impl Ripple {
         ]
     }
 
-    /// Adds the torques that the motors need, n_joints, N·m, at a position and a speed of the joint whose gears make it.
+    /// Adds the motor torques of this ripple, n_joints, N·m, at a position and a speed of the joint with these gears.
     pub fn add_to(&self, torques: &mut [f64], q: f64, speed: f64) {
         let factors = Self::factors(self.order, q, speed);
         for (torque, own) in torques.iter_mut().zip(&self.coefficients) {
@@ -64,7 +67,7 @@ impl Ripple {
         }
     }
 
-    /// What of it cannot be in an arm of so many joints, as a sentence.
+    /// Checks it for an arm of `joints` joints; the error is a sentence.
     pub(super) fn check(&self, joints: usize) -> Result<(), String> {
         let lists = self.coefficients.len();
         if lists != joints {
@@ -113,7 +116,7 @@ mod tests {
             let steepest = 2.0 * 47.0 * 240.0 / (TAU * STEP_HZ);
             assert!((at(speed + step)[1] - torque).abs() <= steepest * step, "{speed}");
         }
-        // At a knot, its own coefficients hold alone.
+        // At a knot, only its own coefficients are used.
         let speed = 2.0 * STEP_HZ * TAU / 240.0;
         let (sin, cos) = 72.0_f64.sin_cos();
         assert!((at(speed)[1] - (3.0 * cos + 4.0 * sin)).abs() < 1e-9);

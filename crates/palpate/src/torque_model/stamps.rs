@@ -1,7 +1,8 @@
-//! Times at which joints were read, where a log's stamps are not those.
+//! Times at which joints were read, if the time stamps of a log differ from them.
 //!
-//! A node that publishes joint states on a timer of its own stamps what it has last heard from the robot: some samples
-//! come twice, and others are stamped nearly a period too late. All joints that move show the same error of time δ,
+//! A node that publishes joint states with its own timer stamps the last state that it received from the robot: some
+//! samples come twice, and others have stamps that are nearly a period too late. All joints that move show the same
+//! time error δ,
 //!
 //! ```text
 //! e_j(t_k) = q̇_j(t_k) δ_k,    so δ_k = Σ_j q̇_j e_j / Σ_j q̇_j²
@@ -10,11 +11,11 @@
 //! where `e_j` is the residual of a polynomial that is fitted to the positions around `t_k`. The time of each sample is
 //! then `t_k + δ_k`, and the polynomial is fitted again, until nothing changes.
 //!
-//! An error that all samples share does not show in this, and does no harm.
+//! An error that is the same for all samples cannot be found in this way, and does no harm.
 //!
-//! Of joints that move along a straight line, acceleration looks like an error of time. So times are kept only if they
-//! explain the positions far better than stamps do, which such motion does not reach. A prismatic joint counts in m where
-//! others count in rad.
+//! If joints move along a straight line in joint space, acceleration looks like a time error. So the corrected times
+//! are used only if they explain the positions far better than the stamps do, which does not happen in such motion.
+//! Positions of prismatic joints, m, are treated like those of other joints, rad.
 
 use rayon::prelude::*;
 
@@ -22,34 +23,35 @@ use super::{LocalPolynomial, TouchMotion, Window};
 use crate::robot::Robot;
 use crate::tracker::Sample;
 
-/// Samples before and after each that a polynomial is fitted to: with more, times are found that are off for longer; with
-/// fewer, in faster motion.
+/// Number of samples before and after each to which a polynomial is fitted. With more, longer lasting time errors are
+/// found; with fewer, errors in faster motion.
 const HALF: f64 = 8.0;
-/// Fits at most.
+/// Largest number of fits.
 const FITS: usize = 30;
-/// Root mean square of the last change of the times, in intervals between samples.
+/// Root mean square change of the times at which the iteration ends, in intervals between samples.
 const SETTLED: f64 = 0.002;
-/// Speed, rad/s or m/s, below which a joint says nothing of the time.
+/// Speed, rad/s or m/s, below which a joint gives no information about the time.
 const SLOW: f64 = 0.03;
-/// Stamps are examined in samples that are faster than this part of the top speed.
+/// Stamps are tested in *fast* samples: those faster than this share of the top speed in the log.
 const FAST: f64 = 0.3;
-/// Fast samples without which nothing is corrected.
+/// Least number of fast samples for a correction.
 const LEAST_SAMPLES: usize = 50;
-/// Error of a stamp that counts, in intervals.
+/// Time error above which a stamp counts as wrong, in intervals.
 const OFF: f64 = 0.15;
-/// Share of the fast samples that must have such an error.
+/// Least share of fast samples with wrong stamps for a correction.
 const OFF_PART: f64 = 0.01;
-/// Number of fast samples that must have such an error.
+/// Least number of fast samples with wrong stamps for a correction.
 const OFF_SAMPLES: f64 = 5.0;
-/// Residuals beside a cubic that are left with the times that the other joints say, as a part of all, in squares.
+/// For a correction, the squared residuals from a cubic must fall below this share with time errors that are estimated
+/// from the other joints.
 const UNEXPLAINED: f64 = 0.2;
-/// Residuals beside polynomials that are left with the times found, as a part of those with stamps, in squares. Behind a
-/// relay, 0.003 to 0.12 were seen; in straight motion with true stamps at least 0.18.
+/// Corrected times are used only if the squared residuals from polynomials fall below this share of those with stamps.
+/// Behind a relay, 0.003 to 0.12 were seen; in straight motion with true stamps at least 0.18.
 const KEPT: f64 = 0.1;
-/// Share of the samples whose times may lie a whole interval from their stamps, the most that is allowed.
+/// Largest share of samples whose times are a whole interval from their stamps.
 const AT_BOUND: f64 = 0.02;
 
-/// The samples of a touch with the times at which the joints were read, if stamps are clearly not those.
+/// The samples of a touch with the times at which the joints were read; `None` unless the stamps clearly differ.
 pub fn with_read_times(robot: &Robot, samples: &[Sample]) -> Option<Vec<Sample>> {
     let motion = TouchMotion::of(robot, samples, vec![0.0; robot.n_joints()]);
     let times = read_times(motion.clock()?, motion.positions())?;
@@ -58,8 +60,8 @@ pub fn with_read_times(robot: &Robot, samples: &[Sample]) -> Option<Vec<Sample>>
     Some(samples.iter().zip(times).map(with_time).collect())
 }
 
-/// Times at which joints were read, s, not falling, for stamps, s, and positions, n_joints each; `None` if the stamps may be
-/// right.
+/// Times at which joints were read, s, in non-descending order, for stamps, s, and positions, n_joints each; `None` if
+/// the stamps may be right.
 fn read_times(stamps_s: &[f64], positions: &[Vec<f64>]) -> Option<Vec<f64>> {
     if !are_wrong(stamps_s, positions) {
         return None;
@@ -97,11 +99,11 @@ fn read_times(stamps_s: &[f64], positions: &[Vec<f64>]) -> Option<Vec<f64>> {
     are_sure.then_some(times)
 }
 
-/// Residuals of positions beside polynomials.
+/// Residuals of positions from polynomials.
 struct Misfit {
     /// Sum of squares.
     squares: f64,
-    /// Error of each time that explains them best, s.
+    /// Time errors that explain the residuals best, s.
     steps_s: Vec<f64>,
 }
 
@@ -112,7 +114,7 @@ impl Misfit {
         let each = times_s.par_iter().zip(positions).map(|(time_s, q)| {
             let fit = fits.at(*time_s);
             let left = q.iter().zip(&fit.value).map(|(q, value)| q - value);
-            // At the ends, a parabola to one side says too little.
+            // At the ends, a parabola with samples on one side is not accurate enough.
             let is_inside = time_s - first_s >= half_s && last_s - time_s >= half_s;
             let squares = left.clone().map(|left| left * left).sum::<f64>();
             if is_inside { (squares, delay(left.zip(fit.first))) } else { (0.0, 0.0) }
@@ -122,7 +124,7 @@ impl Misfit {
     }
 }
 
-/// Times of a robot that speaks evenly, where some samples are the same as the one before; `None` if none are.
+/// Times for a robot that sends at a constant rate, if some samples are equal to the one before; `None` if none are.
 fn even_times(stamps_s: &[f64], positions: &[Vec<f64>]) -> Option<Vec<f64>> {
     let mut number = 0;
     let each = positions.iter().enumerate().map(|(k, q)| {
@@ -138,7 +140,8 @@ fn even_times(stamps_s: &[f64], positions: &[Vec<f64>]) -> Option<Vec<f64>> {
     is_any.then(|| numbers.iter().map(|number| first + early + step * number).collect())
 }
 
-/// Whether stamps seem not to be when the joints were read: each sample beside a cubic through its four neighbours.
+/// Whether stamps seem to differ from the times of reading, by the residual of each sample from a cubic through its
+/// four neighbours.
 fn are_wrong(stamps_s: &[f64], positions: &[Vec<f64>]) -> bool {
     let residuals: Vec<Residual> = (2..stamps_s.len().saturating_sub(2))
         .filter_map(|k| Residual::at(k, stamps_s, positions))
@@ -147,7 +150,7 @@ fn are_wrong(stamps_s: &[f64], positions: &[Vec<f64>]) -> bool {
     if speeds.is_empty() {
         return false;
     }
-    // The fastest that is not a jump.
+    // The 99th percentile, which excludes jumps.
     let fastest = speeds.len() * 99 / 100;
     let fast = FAST * *speeds.select_nth_unstable_by(fastest, f64::total_cmp).1;
     let residuals: Vec<&Residual> =
@@ -167,9 +170,9 @@ fn are_wrong(stamps_s: &[f64], positions: &[Vec<f64>]) -> bool {
         && after < UNEXPLAINED * before
 }
 
-/// A sample beside a cubic through its neighbours.
+/// Residual of a sample from a cubic through its neighbours.
 struct Residual {
-    /// Position less that of the cubic, n_joints.
+    /// Position minus that of the cubic, n_joints.
     left: Vec<f64>,
     /// Speed, n_joints.
     speeds: Vec<f64>,
@@ -207,7 +210,7 @@ impl Residual {
     }
 }
 
-/// Error of time that explains residuals at speeds best, least squares, s.
+/// Time error that explains residuals at these speeds best (least squares), s.
 fn delay(joints: impl Iterator<Item = (f64, f64)>) -> f64 {
     let (product, square) = joints.fold((0.0, SLOW * SLOW), |(product, square), (left, speed)| {
         (product + left * speed, square + speed * speed)
@@ -227,12 +230,13 @@ fn interval(stamps_s: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Four joints that swing each with a frequency of its own.
+    /// Four joints that swing with different frequencies.
     fn swing(time_s: f64) -> Vec<f64> {
         (0..4).map(|j| 0.7 * ((1.9 + 0.6 * f64::from(j)) * time_s + f64::from(j)).sin()).collect()
     }
 
-    /// Four joints that start and stop together, with constant accelerations, each way in so many seconds, with pauses.
+    /// Four joints that start and stop together, with constant accelerations, `way_s` for each way, with pauses of
+    /// `pause_s`.
     fn trapezoid(time_s: f64, way_s: f64, pause_s: f64) -> Vec<f64> {
         let phase = time_s % (2.0 * (way_s + pause_s));
         let forth = (phase / way_s).min(1.0);
@@ -255,7 +259,7 @@ mod tests {
     #[test]
     fn a_relays_stamps_are_replaced_by_the_times_at_which_joints_were_read() {
         let stamps: Vec<f64> = (0..900).map(|k| f64::from(k) / 30.0).collect();
-        // The robot speaks every 34 ms.
+        // The robot sends every 34 ms.
         let read: Vec<f64> = stamps.iter().map(|stamp| (stamp / 0.034).floor() * 0.034).collect();
         let positions: Vec<Vec<f64>> = read
             .iter()
@@ -299,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn one_joint_alone_says_nothing_of_its_stamps() {
+    fn stamps_of_a_single_moving_joint_are_not_corrected() {
         let positions: Vec<Vec<f64>> = (0..900)
             .map(|k| {
                 let time = f64::from(k) / 30.0 + 0.01 * (12.9898 * f64::from(k * k % 997)).sin();

@@ -1,5 +1,5 @@
-//! A tab of a Chromium without a window, controlled through a pipe: the DevTools protocol, whose
-//! messages are JSON, each with a zero byte behind it.
+//! A tab of a headless Chromium, controlled through a pipe: the DevTools protocol, whose messages
+//! are JSON, each followed by a zero byte.
 
 use std::cell::{Cell, RefCell};
 use std::env;
@@ -13,7 +13,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// How long a message may take to come.
+/// Longest wait for a message.
 pub(super) const PATIENCE: Duration = Duration::from_secs(240);
 
 const NAMES: [&str; 4] = ["google-chrome-stable", "google-chrome", "chromium", "chromium-browser"];
@@ -41,7 +41,7 @@ pub(super) struct Chromium {
     process: Child,
     commands: RefCell<ChildStdin>,
     messages: Receiver<Value>,
-    /// What the tab reported unasked, in order.
+    /// Events that the tab has sent, in order.
     events: RefCell<Vec<Value>>,
     calls: Cell<u64>,
     /// The session with the tab, once there is one.
@@ -112,9 +112,9 @@ impl Chromium {
         }
     }
 
-    /// What is chosen from all events so far, by their names and parameters.
+    /// The results of `choose` for the names and parameters of all events so far.
     pub(super) fn events<T>(&self, choose: impl Fn(&str, &Value) -> Option<T>) -> Vec<T> {
-        self.call("Runtime.evaluate", &json!({"expression": "0"})); // what was before it has come
+        self.call("Runtime.evaluate", &json!({"expression": "0"})); // earlier events have arrived
         let events = self.events.borrow();
         let named = |event: &Value| choose(event["method"].as_str()?, &event["params"]);
         events.iter().filter_map(named).collect()
@@ -137,7 +137,7 @@ impl Drop for Chromium {
     }
 }
 
-/// What a browser sends, read on a thread of its own until it ends.
+/// The messages of a browser, read by a thread until the browser ends.
 fn messages(from: ChildStdout) -> Receiver<Value> {
     let (send, receive) = mpsc::channel();
     std::thread::spawn(move || {

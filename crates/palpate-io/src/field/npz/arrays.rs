@@ -1,4 +1,4 @@
-//! Arrays with names, as an npz file holds them, and checks of their types, shapes and numbers.
+//! Named arrays of an npz file, and checks of their types, shapes and numbers.
 
 use super::error::NpzError;
 use crate::npy::{Header, Number, signed};
@@ -17,7 +17,7 @@ pub enum Data {
     U8(Vec<u8>),
 }
 
-/// Numbers and the sides of the box they fill.
+/// Numbers with their shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Array {
     pub(super) shape: Vec<usize>,
@@ -33,7 +33,7 @@ pub struct Arrays {
 }
 
 impl Data {
-    /// numpy's `dtype.str`, and how many numbers there are.
+    /// numpy's `dtype.str`, and the number of elements.
     fn kind_and_len(&self) -> (&'static str, usize) {
         match self {
             Self::F64(numbers) => ("<f8", numbers.len()),
@@ -45,12 +45,12 @@ impl Data {
         }
     }
 
-    /// How many numbers there are.
+    /// Number of elements.
     pub fn len(&self) -> usize {
         self.kind_and_len().1
     }
 
-    /// Whether there are none.
+    /// Whether there are no elements.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -72,7 +72,7 @@ impl Data {
         }
     }
 
-    /// The numbers in `raw`, as the header has them; narrow integers are widened.
+    /// Decodes `raw` by the header; signed integers become 64-bit, unsigned ones of 16 bits become 32-bit.
     pub(super) fn decode(header: &Header, raw: &[u8]) -> Self {
         let words = header.words(raw).map(u64::from_le_bytes);
         match header.number {
@@ -101,30 +101,30 @@ fn write_blocks<T: Copy, const BYTES: usize>(
 }
 
 impl Array {
-    /// Numbers in C order and the sides of the box they fill.
+    /// An array from its shape and its numbers in C order.
     ///
     /// # Panics
     ///
-    /// If the sides do not multiply to the number of numbers.
+    /// If the product of the shape is not the number of elements.
     #[must_use]
     pub fn new(shape: Vec<usize>, data: Data) -> Self {
         assert_eq!(shape.iter().product::<usize>(), data.len(), "the shape must fit the numbers");
         Self { shape, data }
     }
 
-    /// Numbers in a row.
+    /// A one-dimensional array.
     #[must_use]
     pub fn flat(data: Data) -> Self {
         Self { shape: vec![data.len()], data }
     }
 
-    /// Text as its UTF-8 bytes, since numpy reads objects only through pickle.
+    /// Text as an array of its UTF-8 bytes, since numpy reads objects only through pickle.
     #[must_use]
     pub fn text(text: &str) -> Self {
         Self::flat(Data::U8(text.as_bytes().to_vec()))
     }
 
-    /// The sides.
+    /// The shape.
     #[must_use]
     pub fn shape(&self) -> &[usize] {
         &self.shape
@@ -140,7 +140,7 @@ impl Array {
         format!("{} of {:?}", &self.data.descr()[1..], self.shape)
     }
 
-    /// Whether the sides are those wanted, `None` standing for any.
+    /// Whether the shape is the wanted one, in which `None` is any length.
     fn fits(&self, wanted: &[Option<usize>]) -> bool {
         self.shape.len() == wanted.len()
             && self.shape.iter().zip(wanted).all(|(&side, want)| want.is_none_or(|w| w == side))
@@ -148,13 +148,13 @@ impl Array {
 }
 
 impl Arrays {
-    /// No arrays.
+    /// An empty collection.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Adds an array, or puts it in the place of the one of that name.
+    /// Adds an array, or replaces the array with the same name.
     pub fn insert(&mut self, name: impl Into<String>, array: Array) {
         let name = name.into();
         match self.entries.iter_mut().find(|(held, _)| *held == name) {
@@ -163,7 +163,7 @@ impl Arrays {
         }
     }
 
-    /// The array of that name.
+    /// The array with this name.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<&Array> {
         self.entries.iter().find(|(held, _)| held == name).map(|(_, array)| array)
@@ -174,19 +174,19 @@ impl Arrays {
         self.entries.iter().map(|(name, array)| (name.as_str(), array))
     }
 
-    /// Members of the file that are no arrays of numbers, and why.
+    /// Names of the members that are not arrays of numbers, with the reason.
     #[must_use]
     pub fn skipped(&self) -> &[(String, String)] {
         &self.skipped
     }
 
-    /// The file they came from; empty for arrays made in memory.
+    /// The file that was read; empty for arrays created in memory.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The array of that name, or an error that says what there is instead.
+    /// The array with this name, or an error that lists the existing arrays.
     ///
     /// # Errors
     ///
@@ -223,7 +223,7 @@ impl Arrays {
         Ok(floats)
     }
 
-    /// Non-negative integers of a wanted shape (`None`: any length), whatever their width.
+    /// Non-negative integers of a wanted shape (`None`: any length), of any width.
     ///
     /// # Errors
     ///
@@ -246,7 +246,7 @@ impl Arrays {
         }
     }
 
-    /// As [`Self::counts`], of numbers that fit in 32 bits.
+    /// As [`Self::counts`], for numbers that fit in 32 bits.
     pub(in crate::field) fn small_counts(
         &self,
         name: &str,
@@ -263,7 +263,7 @@ impl Arrays {
     ///
     /// # Errors
     ///
-    /// If the array is missing or is no text.
+    /// If the array is missing or is not a text.
     pub fn text(&self, name: &str) -> Result<String, NpzError> {
         let array = self.require(name)?;
         let text = match &array.data {
@@ -273,7 +273,7 @@ impl Arrays {
         text.ok_or_else(|| self.misfit(name, array, "the bytes of a text", &[None]))
     }
 
-    /// An error unless all numbers are as wanted.
+    /// Returns an error for the first number for which `is_good` is false.
     pub(in crate::field) fn check(
         &self,
         name: &str,
@@ -287,7 +287,7 @@ impl Arrays {
         }
     }
 
-    /// The error of the number at a place of an array that is not as wanted.
+    /// The error for an invalid number (`found`) at the index `place` of an array.
     pub(in crate::field) fn refused(
         &self,
         name: &str,

@@ -7,7 +7,7 @@ use crate::atomic::WriteError;
 use crate::input;
 use crate::npy::NpyError;
 
-/// Most members that one archive may have.
+/// Largest number of members of an archive; one with more is refused.
 pub(super) const MAX_MEMBERS: usize = 1024;
 
 /// What can be wrong with an npz file.
@@ -15,7 +15,7 @@ pub(super) const MAX_MEMBERS: usize = 1024;
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum NpzError {
-    /// The system refused to read.
+    /// The operating system reported an error.
     #[error("`{path}` cannot be read: {source}")]
     Io { path: PathBuf, source: io::Error },
     /// Not a zip archive, or a broken one.
@@ -24,22 +24,22 @@ pub enum NpzError {
     /// A member that is broken.
     #[error("`{path}`: the array `{name}` {source}")]
     Member { path: PathBuf, name: String, source: NpyError },
-    /// More than is read.
+    /// Arrays that exceed the memory limit.
     #[error("`{path}` wants {}", input::too_large())]
     TooLarge { path: PathBuf },
-    /// More arrays than any field has.
+    /// More members than are accepted.
     #[error("`{path}` holds {found} arrays; wanted at most {MAX_MEMBERS}")]
     TooMany { path: PathBuf, found: usize },
-    /// An array that is needed is not there.
+    /// A required array is missing.
     #[error("`{path}` holds no array `{name}`: {held}")]
     NoArray { path: PathBuf, name: String, held: String },
-    /// An array of another shape or kind than wanted.
+    /// An array with a wrong shape or type.
     #[error("`{path}`: the array `{name}` is {found}; wanted {wanted}")]
     Array { path: PathBuf, name: String, found: String, wanted: String },
-    /// A number that makes no sense.
+    /// A number outside of the valid range.
     #[error("`{path}`: the array `{name}` holds {found} in row {row} (from 0); wanted {wanted}")]
     Value { path: PathBuf, name: String, row: usize, found: f64, wanted: &'static str },
-    /// It could not be written.
+    /// The file could not be written.
     #[error(transparent)]
     Write(#[from] WriteError),
 }

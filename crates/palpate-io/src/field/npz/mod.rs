@@ -1,11 +1,11 @@
 //! The `.npz` format: a zip archive of npy files, as named arrays.
 //!
-//! What is written here `numpy.load` reads without pickle. No header is trusted: memory is taken
-//! for the bytes that come out of the archive, never for what a header claims, and all arrays
-//! together stay under [`input::largest`]. Checksums are verified to the last byte.
+//! `numpy.load` reads the written files without pickle. When reading, memory is allocated for the
+//! bytes that are unpacked, never for the size in a header, and all arrays together may take at
+//! most [`input::largest`]. Checksums are verified.
 //!
-//! Members that are no plain array of numbers, such as the pickled dictionaries that OpenVSF adds,
-//! are skipped; [`Arrays::skipped`] lists them.
+//! Members that are not plain arrays of numbers, such as the pickled dictionaries of OpenVSF, are
+//! skipped; [`Arrays::skipped`] lists them.
 
 mod arrays;
 mod error;
@@ -28,14 +28,14 @@ pub use error::NpzError;
 ///
 /// # Errors
 ///
-/// If the file is missing, broken, truncated or unpacks to more than [`input::largest`].
+/// If the file is missing, broken or truncated, or its content exceeds [`input::largest`].
 pub fn read_npz(path: &Path) -> Result<Arrays, NpzError> {
     let file =
         input::open(path).map_err(|source| NpzError::Io { path: path.to_owned(), source })?;
     read(BufReader::new(file), path)
 }
 
-/// Reads all arrays of an archive; `path` is for the errors.
+/// Reads all arrays of an archive; `path` is for error messages.
 fn read(input: impl Read + Seek, path: &Path) -> Result<Arrays, NpzError> {
     let broken = |error: ZipError| match error {
         ZipError::Io(source) if source.kind() == io::ErrorKind::IsADirectory => {
@@ -73,15 +73,15 @@ fn read(input: impl Read + Seek, path: &Path) -> Result<Arrays, NpzError> {
     Ok(arrays)
 }
 
-/// Reads one array to the end of its member, where the checksum is compared. `None` if it would
-/// take more than `room` bytes.
+/// Reads one array to the end of its member, where the checksum is verified, and subtracts its size
+/// from `room`. `None` if it would take more than `room` bytes.
 fn read_member(member: &mut impl Read, room: &mut u64) -> Result<Option<Array>, NpyError> {
     let header = Header::read(member)?;
     let promised = header.data_bytes()?;
     let Some(left) = room.checked_sub(promised) else { return Ok(None) };
     *room = left;
 
-    let mut raw = Vec::new(); // grows with what comes, not with what is promised
+    let mut raw = Vec::new(); // grows with the bytes that are read, not by the size in the header
     member.by_ref().take(promised).read_to_end(&mut raw)?;
     if (raw.len() as u64) < promised {
         let bytes = header.number.bytes() as u64;
@@ -100,7 +100,7 @@ fn read_member(member: &mut impl Read, room: &mut u64) -> Result<Option<Array>, 
     Ok(Some(Array { shape, data: Data::decode(&header, &raw) }))
 }
 
-/// Moves numbers from Fortran order to C order.
+/// Reorders numbers from Fortran order to C order.
 fn c_order(raw: &[u8], shape: &[usize], bytes: usize) -> Vec<u8> {
     let mut moved = Vec::with_capacity(raw.len());
     for c_place in 0..raw.len() / bytes {
@@ -116,15 +116,14 @@ fn c_order(raw: &[u8], shape: &[usize], bytes: usize) -> Vec<u8> {
     moved
 }
 
-/// Writes arrays as a compressed npz file, whole or not at all. The same arrays give the same
-/// bytes.
+/// Writes arrays as a compressed npz file, atomically. Equal arrays give equal bytes.
 ///
 /// # Errors
 ///
-/// [`NpzError::Write`]; nothing is left behind.
+/// [`NpzError::Write`]; no partial file is left.
 pub fn write_npz(path: &Path, arrays: &Arrays) -> Result<(), NpzError> {
-    // Packed in memory first: where a disk is full, the library would lose the kind of the error
-    // and print to stderr that it could not finish.
+    // Packed in memory first: on a full disk, the library would hide the kind of the error and
+    // print to stderr that it could not finish.
     let bytes = npz_bytes(arrays);
     Ok(atomic::write(path, |out| out.write_all(&bytes))?)
 }
@@ -140,7 +139,7 @@ pub fn npz_bytes(arrays: &Arrays) -> Vec<u8> {
 ///
 /// # Errors
 ///
-/// As [`read_npz`]; errors call it by this name.
+/// As [`read_npz`]; messages use `name` as the path.
 pub fn read_npz_bytes(bytes: &[u8], name: &str) -> Result<Arrays, NpzError> {
     read(io::Cursor::new(bytes), Path::new(name))
 }

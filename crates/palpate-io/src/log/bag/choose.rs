@@ -1,4 +1,4 @@
-//! Which topics of a bag a log is read from.
+//! Choice of the topics of a bag that are read.
 
 use std::path::{Path, PathBuf};
 
@@ -46,14 +46,14 @@ pub(super) fn choose(
     Ok(Chosen { samples: samples.clone(), markers: markers.cloned() })
 }
 
-/// The topic of a name, with or without the slash before it.
+/// The topic with this name, with or without a leading slash.
 fn named<'a>(path: &Path, topics: &'a [Topic], name: &str) -> Result<&'a Topic, BagError> {
     let bare = |name: &str| name.trim_start_matches('/').to_owned();
     let found = topics.iter().find(|topic| bare(&topic.name) == bare(name));
     found.ok_or_else(|| unclear(path, format!("there is no topic `{name}`"), topics))
 }
 
-/// The one topic that holds joints.
+/// The only topic with a supported type of joint states and with messages.
 fn only<'a>(path: &Path, topics: &'a [Topic]) -> Result<&'a Topic, BagError> {
     let fit = |topic: &&Topic| has_joints(&topic.kind) && topic.messages != Some(0);
     let fitting: Vec<&Topic> = topics.iter().filter(fit).collect();

@@ -1,4 +1,4 @@
-//! Which files make up a bag, and one of them at a time, whichever way it is stored.
+//! The files of a bag, and access to each, independent of its storage format.
 
 use std::path::{Path, PathBuf};
 
@@ -13,10 +13,10 @@ use crate::log::error::{BagError, LogError};
 use crate::log::event::Format;
 use crate::log::folder;
 
-/// Bytes of the largest `metadata.yaml`.
+/// Largest size of `metadata.yaml`, bytes.
 const METADATA: u64 = 64 << 20;
 
-/// What rosbag2 says of a folder, as far as it matters.
+/// The part of rosbag2's `metadata.yaml` that is used here.
 #[derive(Debug, Deserialize)]
 struct Metadata {
     rosbag2_bagfile_information: Information,
@@ -33,7 +33,8 @@ const MCAP: &[u8] = b"\x89MCAP0";
 const SQLITE: &[u8] = b"SQLite format 3\0";
 const ROS_1: &[u8] = b"#ROSBAG";
 
-/// Whether a path may be a bag: a file of a known beginning, or a folder with such files in it.
+/// Whether a path may be a bag: a file with a known extension or magic bytes, or a folder with
+/// `metadata.yaml` or with files of such extensions.
 pub(in crate::log) fn is_bag(path: &Path) -> bool {
     if path.is_dir() {
         return path.join("metadata.yaml").is_file() || !by_ending(path).is_empty();
@@ -71,7 +72,7 @@ pub(super) fn files(path: &Path) -> Result<Vec<PathBuf>, LogError> {
     Ok(information.relative_file_paths.iter().map(|file| path.join(file)).collect())
 }
 
-/// How a file is stored, or why it cannot be read.
+/// The storage format of a file, or an error that says why it cannot be read.
 pub(super) fn format(path: &Path) -> Result<Format, LogError> {
     let beginning = folder::beginning(path).map_err(|source| LogError::reading(path, source))?;
     let reason = match beginning {
@@ -92,7 +93,7 @@ pub(super) fn format(path: &Path) -> Result<Format, LogError> {
     Err(BagError::Storage { path: path.to_owned(), reason: reason.to_owned() }.into())
 }
 
-/// The topics of a file that is stored in this format.
+/// The topics of a file in this storage format.
 pub(super) fn topics(path: &Path, format: Format) -> Result<Vec<Topic>, BagError> {
     let topics = match format {
         #[cfg(feature = "formats")]
@@ -105,7 +106,8 @@ pub(super) fn topics(path: &Path, format: Format) -> Result<Vec<Topic>, BagError
     })
 }
 
-/// The messages of the wanted topics, those of samples and of markers, in a file.
+/// The messages of a file on the wanted topics; `wanted` names the topics of samples and of
+/// markers.
 pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messages, LogError> {
     let messages = match format(path)? {
         #[cfg(feature = "formats")]
@@ -117,7 +119,8 @@ pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messa
     Ok(Box::new(messages.map(|message| check_size(message?))))
 }
 
-/// The part of [`input::largest`] that one message may take, usually 4 MiB: many are held at once.
+/// Divisor of [`input::largest`] that gives the largest size of one message, usually 4 MiB: many
+/// are held at once.
 const PART: u64 = 256;
 
 fn check_size(message: Message) -> Result<Message, String> {
@@ -135,7 +138,7 @@ fn has_ending(path: &Path) -> bool {
     folder::is_file_with(path, &["mcap", "db3", "bag"])
 }
 
-/// The files in a folder that are called like parts of a bag.
+/// The files in a folder with the extension of a bag.
 fn by_ending(folder: &Path) -> Vec<PathBuf> {
     let mut files = folder::listed(folder).unwrap_or_default();
     files.retain(|file| has_ending(file));

@@ -1,25 +1,25 @@
-//! Where in a message of ROS 2 the fields stand that we want: by its definition, never by guess.
+//! Extracts wanted fields from a message of ROS 2 by the definition of its type.
 //!
 //! A message is CDR: values one after another, each aligned to its size, strings and sequences
-//! with their length before them. What comes in which order only the definition says, and a type
-//! of one name may have changed from one release of its package to the next, so the definition
-//! that the bag itself carries is followed. `re_ros_msg` reads definitions, `re_cdr` the values;
-//! the walk is ours, since that of `re_ros_msg` allocates whatever length a message claims.
+//! preceded by their length. Only the definition gives the order of the fields, and a type may have
+//! changed between releases of its package, so the definition that the bag contains is used.
+//! `re_ros_msg` parses definitions and `re_cdr` reads values; the messages are decoded here, since
+//! the decoder of `re_ros_msg` allocates whatever length a message claims.
 //!
-//! The module knows neither topics nor joints.
+//! The module is independent of topics and joints.
 
 use re_cdr::{BigEndian, ByteOrder, CdrReader, Error, LittleEndian};
 use re_ros_msg::MessageSchema;
 use re_ros_msg::message_spec::{ArraySize, BuiltInType, ComplexType, MessageSpecification, Type};
 
-/// Messages within messages deeper than this are no message.
+/// Deepest nesting of messages in messages; a deeper definition is refused.
 const DEEPEST: usize = 16;
-/// More fields than this in all, those of inner messages included, are no message either.
+/// Largest number of fields, inner messages included; a definition with more is refused.
 const MOST_FIELDS: usize = 4096;
-/// More values than this in a field that we want are no robot.
+/// Largest number of values in a wanted field; a message with more is refused.
 const MOST_VALUES: usize = 4096;
 
-/// What a field is wanted for.
+/// Use of a wanted field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Slot {
     Seconds,
@@ -27,11 +27,11 @@ pub(super) enum Slot {
     Names,
     Positions,
     Torques,
-    /// A value of any kind, in words.
+    /// A value of any type, as text.
     Text,
 }
 
-/// The wanted fields of one message.
+/// Values of the wanted fields of one message.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Taken {
     pub(super) seconds: i64,
@@ -45,21 +45,21 @@ pub(super) struct Taken {
 #[derive(Debug, Clone)]
 enum Node {
     Value(BuiltInType, Option<Slot>),
-    /// `None`: the number stands before the elements.
+    /// Array with its length, or `None` if the length is written before the elements.
     Many(Option<usize>, Box<Node>),
     Message(Vec<Node>),
 }
 
-/// The order of the values of a message, and which are wanted.
+/// The order of the values of a message, with marks on the wanted ones.
 #[derive(Debug, Clone)]
 pub(super) struct Layout {
     root: Node,
 }
 
 impl Layout {
-    /// Follows a definition: the text of the message, then of those it is made of, parted by lines
-    /// of `=`. `wanted` are fields by their path, such as `header.stamp.sec`. An error is half a
-    /// sentence for the user.
+    /// Compiles a definition: the text of the message type, then those of its inner types,
+    /// separated by lines of `=`. `wanted` gives fields by their path, such as `header.stamp.sec`.
+    /// The error is the end of a message to the user.
     pub(super) fn of(
         kind: &str,
         definition: &str,
@@ -79,7 +79,7 @@ impl Layout {
         Ok(Self { root })
     }
 
-    /// Takes the wanted fields out of a message. An error is half a sentence for the user.
+    /// Extracts the wanted fields of a message. The error is the end of a message to the user.
     pub(super) fn take(&self, data: &[u8]) -> Result<Taken, String> {
         let Some((head, body)) = data.split_at_checked(4) else {
             return Err(format!("it has {} bytes, less than the head of a message", data.len()));
@@ -97,7 +97,7 @@ impl Layout {
     }
 }
 
-/// A definition on its way to a [`Layout`].
+/// Compiles a definition to a [`Layout`].
 struct Compiler<'a> {
     schema: &'a MessageSchema,
     wanted: &'a [(&'a str, Slot)],
@@ -117,7 +117,7 @@ impl<'a> Compiler<'a> {
             return Err("its definition nests without end".to_owned());
         }
         if spec.fields.is_empty() {
-            return Ok(Node::Value(BuiltInType::Byte, None)); // a message is never without a byte
+            return Ok(Node::Value(BuiltInType::Byte, None)); // an empty message takes one byte
         }
         let mut parts = Vec::new();
         for field in &spec.fields {
@@ -178,7 +178,7 @@ impl<'a> Compiler<'a> {
     }
 }
 
-/// The name of a type without the `msg` in its middle, which some programs write.
+/// The name of a type without `/msg/`, which some programs write.
 pub(super) fn plain(kind: &str) -> String {
     kind.replacen("/msg/", "/", 1)
 }
@@ -190,7 +190,7 @@ enum Value {
     Text(String),
 }
 
-/// Goes over the values in order and takes those that are wanted.
+/// Reads the values in order and stores the wanted ones in `taken`.
 fn walk<B: ByteOrder>(
     reader: &mut CdrReader<'_, B>,
     node: &Node,
@@ -198,7 +198,7 @@ fn walk<B: ByteOrder>(
 ) -> Result<(), Error> {
     match node {
         Node::Value(kind, Some(slot)) => taken.put(*slot, value(reader, kind)?),
-        // Text that is not wanted may be in any encoding.
+        // Unwanted text may have any encoding.
         Node::Value(BuiltInType::String(_), None) => reader.read_byte_sequence().map(|_| ()),
         Node::Value(kind, None) => value(reader, kind).map(|_| ()),
         Node::Message(parts) => parts.iter().try_for_each(|part| walk(reader, part, taken)),
@@ -207,7 +207,8 @@ fn walk<B: ByteOrder>(
                 Some(count) => *count,
                 None => reader.read_u32()? as usize,
             };
-            // Every element has a byte or more, so that a false count ends with the message.
+            // Every element has at least one byte, so a false count ends with an error at the end
+            // of the message.
             (0..count).try_for_each(|_| walk(reader, of, taken))
         }
     }
@@ -233,7 +234,7 @@ fn value<B: ByteOrder>(reader: &mut CdrReader<'_, B>, kind: &BuiltInType) -> Res
 }
 
 impl Taken {
-    /// Puts a value where it is wanted.
+    /// Stores a value in the field for its slot.
     fn put(&mut self, slot: Slot, value: Value) -> Result<(), Error> {
         match (slot, value) {
             (Slot::Seconds, Value::Whole(seconds)) => self.seconds = seconds,

@@ -1,4 +1,4 @@
-//! One file of MCAP: its topics, and the messages of some of them, chunk by chunk.
+//! Reads one MCAP file: its topics, and the messages of some of them, chunk by chunk.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -14,13 +14,13 @@ use ::mcap::{Channel, McapError, parse_record};
 use super::topic::{Message, Messages, Topic, Which, merge};
 use crate::{input, not_built, panics};
 
-/// Bytes of the largest record that is read, usually 256 MiB: a picture of a hundred megapixels.
+/// Largest size of a record, bytes; usually 256 MiB, an image of a hundred megapixels.
 fn largest_record() -> usize {
     usize::try_from(input::largest() / 4).unwrap_or(usize::MAX)
 }
 
-/// The topics of a file: from its summary, or, if that is missing or broken off, from all of it.
-/// An error is half a sentence.
+/// The topics of a file: from its summary or, if that is missing or incomplete, from all messages.
+/// The error is the end of a message.
 pub(super) fn topics(path: &Path) -> Result<Vec<Topic>, String> {
     let mut file = open(path)?;
     if let Some(topics) = of_summary(&mut file).ok().flatten().filter(|topics| !topics.is_empty()) {
@@ -31,7 +31,7 @@ pub(super) fn topics(path: &Path) -> Result<Vec<Topic>, String> {
     while let Some(message) = records.next_message().transpose() {
         match message {
             Ok(message) => merge(&mut topics, vec![topic(&message.channel, Some(1))]),
-            // What lies before a break can be read; the break shows again when it is.
+            // The part before a break can be read; reading the messages reports the break again.
             Err(_) if !topics.is_empty() => break,
             Err(why) => return Err(why),
         }
@@ -39,7 +39,7 @@ pub(super) fn topics(path: &Path) -> Result<Vec<Topic>, String> {
     Ok(topics)
 }
 
-/// The messages of the wanted topics in a file. An error is half a sentence.
+/// The messages of a file on the wanted topics (samples, markers). The error is the end of a message.
 pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messages, String> {
     let wanted_one = move |message: Result<Logged, String>| {
         let message = match message {
@@ -64,7 +64,7 @@ fn open(path: &Path) -> Result<File, String> {
     input::open(path).map_err(|error| in_words(&error.into()))
 }
 
-/// What went wrong, as half a sentence.
+/// Describes an error, as the end of a message to the user.
 fn in_words(error: &McapError) -> String {
     match error {
         McapError::UnexpectedEof | McapError::UnexpectedEoc => {
@@ -89,17 +89,17 @@ struct Logged {
     data: Vec<u8>,
 }
 
-/// The records of a file. The library's own reader of messages is not used: it makes room for as many
-/// bytes as a string claims to have, up to 4 GiB, before it looks for them.
+/// The records of a file. The library's own reader of messages is not used: it allocates the length
+/// that a string claims, up to 4 GiB, before it reads the string.
 struct Records {
     source: BufReader<File>,
-    /// Nothing after an error.
+    /// `None` after an error or the end.
     reader: Option<LinearReader>,
     known: ChannelAccumulator<'static>,
 }
 
 impl Records {
-    /// From the start of a file.
+    /// Records from the start of a file.
     fn of_data(file: File) -> Self {
         Self::new(file, LinearReaderOptions::default().with_validate_chunk_crcs(true))
     }
@@ -110,7 +110,7 @@ impl Records {
         Self { source: BufReader::new(file), reader, known: ChannelAccumulator::default() }
     }
 
-    /// The next message, nothing at the end. An error is half a sentence.
+    /// The next message, or `None` at the end. The error is the end of a message to the user.
     fn next_message(&mut self) -> Result<Option<Logged>, String> {
         loop {
             match self.next()? {
@@ -126,9 +126,8 @@ impl Records {
         }
     }
 
-    /// The next schema, channel, message or statistics; schemas and channels are known from then on.
-    /// What the library panics with, where lengths contradict each other, is an error as well, after
-    /// which nothing comes.
+    /// The next schema, channel, message or statistics; schemas and channels are added to `known`. A panic of the
+    /// library, where lengths contradict each other, becomes an error. After an error, no more records are returned.
     fn next(&mut self) -> Result<Option<Record<'static>>, String> {
         let Some(mut reader) = self.reader.take() else { return Ok(None) };
         let next = panics::caught(|| self.next_of(&mut reader)).and_then(|next| next);
@@ -155,7 +154,7 @@ impl Records {
         Ok(None)
     }
 
-    /// A record that is of use here.
+    /// Parses a record; `None` for types that are not needed.
     fn taken(&mut self, opcode: u8, data: &[u8]) -> Result<Option<Record<'static>>, String> {
         let is_of_use = matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE | op::STATISTICS);
         if !is_of_use {
@@ -179,7 +178,7 @@ impl Records {
     }
 }
 
-/// Whether the texts of a schema or a channel lie within its record.
+/// Whether the strings of a schema or a channel lie within its record.
 fn strings_fit(opcode: u8, record: &[u8]) -> bool {
     fn sized<'a>(bytes: &mut &'a [u8]) -> Option<&'a [u8]> {
         let (size, rest) = bytes.split_first_chunk()?;
@@ -205,9 +204,9 @@ fn strings_fit(opcode: u8, record: &[u8]) -> bool {
     fit().is_some()
 }
 
-/// The topics that the summary at the end of a file names, if there is one.
+/// The topics in the summary at the end of a file, if there is one.
 fn of_summary(file: &mut File) -> Result<Option<Vec<Topic>>, String> {
-    const FOOTER: i64 = 20 + 8; // places of the summary and its offsets, its hash, the magic
+    const FOOTER: i64 = 20 + 8; // two positions and a checksum, then the magic bytes
     let at = |file: &mut File, to: SeekFrom| file.seek(to).map_err(|error| error.to_string());
     at(file, SeekFrom::End(-FOOTER))?;
     let mut start = [0; 8];

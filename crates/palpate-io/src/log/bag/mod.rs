@@ -1,19 +1,21 @@
-//! Touches in bags of ROS 2: joint states on a topic, and what parts them into touches.
+//! Touches in bags of ROS 2: joint states on one topic, and markers of the starts of touches on
+//! another.
 //!
-//! | file      | says                                                        |
+//! | file      | content                                                     |
 //! |-----------|-------------------------------------------------------------|
-//! | `file`    | which files make up a bag, and how each is stored           |
-//! | `mcap`    | MCAP: its topics and messages                               |
-//! | `sqlite`  | SQLite: the same                                            |
-//! | `topic`   | what both have: topics and messages                         |
-//! | `choose`  | which topics are read                                       |
-//! | `layout`  | fields of a message, by its definition                      |
-//! | `reading` | messages to samples: what is known of single types          |
-//! | `write`   | joint states and stiff points as MCAP                       |
+//! | `file`    | the files of a bag, and the storage format of each          |
+//! | `mcap`    | topics and messages of a file in MCAP                       |
+//! | `sqlite`  | topics and messages of a file in SQLite                     |
+//! | `topic`   | topics and messages, common to both                         |
+//! | `choose`  | choice of the topics that are read                          |
+//! | `layout`  | extraction of fields of a message, by its definition        |
+//! | `reading` | conversion of messages to samples, for each supported type  |
+//! | `write`   | writing of joint states and stiff points as MCAP            |
 //!
-//! A bag is one touch, unless messages on another topic say where touches start. Messages come in
-//! the order in which they were recorded; time is that of their headers, or of the recording where
-//! the headers have none. Chunks and pages stream: memory does not grow with the bag.
+//! A bag is one touch, unless markers on another topic say where touches start. Messages are read
+//! in the order in which they were recorded. The time of a sample is that of the message header, or
+//! the time of recording if the headers have none. Chunks and pages stream: memory does not grow
+//! with the bag.
 
 mod choose;
 mod file;
@@ -39,10 +41,10 @@ use topic::{Message, Messages, Topic, Which};
 
 pub(super) use file::is_bag;
 
-/// So many messages are looked at to learn which joints a bag holds.
+/// Number of messages that are read first to find the joints of a bag.
 const LOOKED_AT: usize = 100;
 
-/// A bag being read.
+/// Reads the events of a bag.
 pub(super) struct BagLog {
     description: LogDescription,
     until_break: bool,
@@ -50,16 +52,16 @@ pub(super) struct BagLog {
     reading: Reading,
     marker: Option<Marker>,
     joints: Joints,
-    /// Files to come, the last one first.
+    /// Files that are not read yet, in reverse order.
     ahead: Vec<PathBuf>,
     current: Option<(PathBuf, Messages)>,
     /// Name of the touch that starts with the next sample.
     next_touch: Option<String>,
-    /// Whether a touch is under way.
+    /// Whether a touch has started.
     is_touching: bool,
     names: Names,
     markers: u64,
-    /// Messages of the samples' topic so far, and what became of those that gave no sample.
+    /// Number of messages of the samples' topic so far, and of those without a sample, by reason.
     messages: u64,
     other_joints: u64,
     before_touch: u64,
@@ -68,7 +70,7 @@ pub(super) struct BagLog {
 }
 
 impl BagLog {
-    /// Finds topics, definitions and joints, then stands before the first message.
+    /// Finds topics, definitions and joints; reading then begins with the first message.
     pub(super) fn open(path: &Path, options: &LogOptions) -> Result<Self, LogError> {
         let files = file::files(path)?;
         let (mut topics, mut format) = (Vec::new(), None);
@@ -116,7 +118,7 @@ impl BagLog {
         })
     }
 
-    /// Takes a message: a marker, or a sample.
+    /// Processes a message: a marker, or a sample.
     fn take(&mut self, message: &Message, to: &mut VecDeque<LogEvent>) -> Result<(), LogError> {
         if message.which == Which::Sample {
             return self.take_sample(message, to);
@@ -160,7 +162,7 @@ impl BagLog {
         Ok(())
     }
 
-    /// The end of a bag that breaks off: an error, unless the options accept what lies before.
+    /// Ends a bag that breaks off: an error, unless the options accept the part before the break.
     fn break_off(
         &mut self,
         reason: String,
@@ -177,7 +179,7 @@ impl BagLog {
         self.finish(warnings)
     }
 
-    /// The end of the bag.
+    /// Ends the bag; an error if it had no sample.
     fn finish(&mut self, warnings: &mut Vec<LogWarning>) -> Result<(), LogError> {
         self.current = None;
         let (other_joints, before_touch) = (self.other_joints, self.before_touch);
@@ -236,7 +238,7 @@ impl Source for BagLog {
     }
 }
 
-/// The first messages of the topic of samples, as far as they can be read.
+/// At most [`LOOKED_AT`] messages from the start of the samples' topic, as far as they can be read.
 fn first_messages(files: &[PathBuf], chosen: &Chosen) -> Vec<Vec<u8>> {
     let only_samples = [chosen.names()[0].clone(), None];
     let messages = files.iter().filter_map(|file| file::messages(file, only_samples.clone()).ok());
@@ -244,7 +246,7 @@ fn first_messages(files: &[PathBuf], chosen: &Chosen) -> Vec<Vec<u8>> {
     messages.take(LOOKED_AT).map(|message| message.data).collect()
 }
 
-/// The name of a bag without its ending.
+/// The name of a bag without its extension.
 fn stem(path: &Path) -> String {
     let named = super::npy_folder::name_of(path);
     let ending = [".mcap", ".db3"].iter().find_map(|ending| named.strip_suffix(ending));

@@ -1,13 +1,13 @@
-//! From messages to samples and to the names of touches: what is known of single types.
+//! Converts messages to samples and to names of touches, for each supported type.
 //!
 //! | type                           | positions                           | torques                |
 //! |--------------------------------|-------------------------------------|------------------------|
 //! | `sensor_msgs/JointState`       | `position`                          | `effort`               |
 //! | `franka_msgs/FrankaRobotState` | `measured_joint_state.position`, `q` | `tau_ext_hat_filtered` |
 //!
-//! A robot state of Franka has had several layouts; each is followed by its definition. Its
-//! torques are external ones, without gravity. Markers are messages with a field `data`, which
-//! names the touch, or with none.
+//! Franka's robot state has had several layouts; each is read by its definition. Its torques are
+//! external ones, without gravity. Markers are messages whose field `data`, if there is one, names
+//! the touch.
 
 use std::collections::HashSet;
 
@@ -17,14 +17,14 @@ use super::layout::{Layout, Slot, Taken, plain};
 use super::topic::Topic;
 use crate::log::event::LoggedTorques;
 
-/// What a joint state is where the bag does not say; also what is written. [`HEADER`] follows.
+/// Definition of a joint state for bags that contain none, and for writing; [`HEADER`] is appended.
 const JOINT_STATE: &str = "std_msgs/Header header
 string[] name
 float64[] position
 float64[] velocity
 float64[] effort
 ";
-/// The messages that every header is made of, below the definition of a message that has one.
+/// Definitions of the header and its parts, appended to the definition of a message with a header.
 pub(super) const HEADER: &str =
     "================================================================================
 MSG: std_msgs/Header
@@ -36,7 +36,7 @@ int32 sec
 uint32 nanosec
 ";
 
-/// The whole definition of a joint state.
+/// The complete definition of a joint state.
 pub(super) fn joint_state() -> String {
     [JOINT_STATE, HEADER].concat()
 }
@@ -46,32 +46,32 @@ const ROBOT_STATE_TYPE: &str = "franka_msgs/FrankaRobotState";
 const STAMP: [(&str, Slot); 2] =
     [("header.stamp.sec", Slot::Seconds), ("header.stamp.nanosec", Slot::Nanoseconds)];
 
-/// Whether joints can be read from messages of a type.
+/// Whether joint states can be read from messages of this type.
 pub(super) fn has_joints(kind: &str) -> bool {
     [JOINT_STATE_TYPE, ROBOT_STATE_TYPE].contains(&plain(kind).as_str())
 }
 
-/// How the samples of a topic are read.
+/// Conversion of the messages of a topic to samples.
 #[derive(Debug, Clone)]
 pub(super) struct Reading {
     layout: Layout,
     pub(super) torques: LoggedTorques,
-    /// Whether messages name their joints.
+    /// Whether messages contain joint names.
     named: bool,
 }
 
-/// The joints of a bag, and which clock their times are from.
+/// The joints of a bag, and the clock of their times.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Joints {
-    /// `None` if the messages name none.
+    /// `None` if the messages contain no joint names.
     pub(super) names: Option<Vec<String>>,
     pub(super) count: usize,
-    /// Whether the headers carry no time, and that of recording counts.
+    /// Whether the headers have no time, so that the time of recording is used.
     pub(super) by_log_time: bool,
 }
 
 impl Reading {
-    /// The reading of a topic of a type that [`has_joints`]. An error is half a sentence.
+    /// The conversion for a topic whose type [`has_joints`]. The error is the end of a message.
     pub(super) fn of(topic: &Topic) -> Result<Self, String> {
         let kind = plain(&topic.kind);
         let with_stamp = |fields: &[(&'static str, Slot)]| [&STAMP[..], fields].concat();
@@ -106,9 +106,9 @@ impl Reading {
         }
     }
 
-    /// The joints of the first messages: those of the message that has most of them, so that a
-    /// gripper which reports on the same topic is not taken for the arm, but for those that never have a
-    /// torque; or those `wanted`.
+    /// The joints `wanted`, or else those of the message with the most joints among the `first`
+    /// messages, so that a gripper on the same topic is not taken for the arm. Joints that never
+    /// have a finite torque are left out.
     pub(super) fn joints(&self, first: &[Vec<u8>], wanted: Option<&[String]>) -> Joints {
         let mut joints = Joints { by_log_time: true, ..Joints::default() };
         let mut with_torque: HashSet<String> = HashSet::new();
@@ -125,7 +125,7 @@ impl Reading {
                 with_torque.extend(finite.map(|(name, _)| name));
             }
         }
-        // Controllers that broadcast states give NaN for what a gripper does not measure.
+        // Broadcasters of joint states publish NaN for torques that a gripper does not measure.
         if let Some(names) = &mut joints.names
             && names.iter().any(|name| with_torque.contains(name))
         {
@@ -139,8 +139,8 @@ impl Reading {
         joints
     }
 
-    /// A sample of these joints; `None` if the message is about others. An error is half a
-    /// sentence for the user.
+    /// The sample of these joints; `None` if one of them is not in the message. The error is the end
+    /// of a message to the user.
     pub(super) fn sample(
         &self,
         data: &[u8],
@@ -183,7 +183,7 @@ impl Reading {
     }
 }
 
-/// Refuses a message that has not as many positions and torques as joints.
+/// Refuses a message whose numbers of positions and torques differ from the number of joints.
 fn check_lengths(taken: &Taken, joints: usize) -> Result<(), String> {
     let (q, tau) = (taken.positions.len(), taken.torques.len());
     match (q == joints, tau == joints, tau) {
@@ -196,15 +196,15 @@ fn check_lengths(taken: &Taken, joints: usize) -> Result<(), String> {
     }
 }
 
-/// How the name of a touch is read from a marker.
+/// Reads the name of a touch from a marker.
 #[derive(Debug, Clone)]
 pub(super) struct Marker {
-    /// `None` for a type without content.
+    /// `None` if the type has no readable field `data`.
     layout: Option<Layout>,
 }
 
 impl Marker {
-    /// The reading of a topic of markers.
+    /// The reader for a topic of markers.
     pub(super) fn of(topic: &Topic) -> Self {
         let kind = plain(&topic.kind);
         let data = [("data", Slot::Text)];
@@ -218,7 +218,7 @@ impl Marker {
         Self { layout: Layout::of(&kind, definition, &data).ok() }
     }
 
-    /// The text of a marker, if it has any. An error is half a sentence.
+    /// The text of a marker, if it has any. The error is the end of a message to the user.
     pub(super) fn text(&self, data: &[u8]) -> Result<Option<String>, String> {
         let Some(layout) = &self.layout else { return Ok(None) };
         Ok(layout.take(data)?.text.filter(|text| !text.trim().is_empty()))

@@ -1,4 +1,4 @@
-//! One file of SQLite, as rosbag2 writes it: its topics, and the messages of some of them.
+//! Reads one SQLite file of rosbag2: its topics, and the messages of some of them.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -11,21 +11,21 @@ use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension, Result, para
 use super::topic::{Message, Messages, Topic, Which};
 use crate::input;
 
-/// Messages read at once: few enough for memory, many enough for the time that a query takes.
+/// Messages read with one query: a compromise between memory and the time of the queries.
 const PAGE: u32 = 256;
 
-/// The part of [`input::largest`] that one value may take: usually 256 MiB, a picture of a hundred
-/// megapixels.
+/// Divisor of [`input::largest`] that gives the largest size of one value: usually 256 MiB, an
+/// image of a hundred megapixels.
 const PART: u64 = 4;
-/// The longest that a query may take: what tables compute may be anything.
+/// Time limit of a query: a crafted file can make a query arbitrarily slow.
 const LONGEST: Duration = Duration::from_secs(30);
-/// Steps of a query between two looks at the time.
+/// Steps of a query between two checks of the time limit.
 const STEPS: i32 = 10_000;
 
 fn open(path: &Path) -> Result<Connection> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let database = Connection::open_with_flags(path, flags)?;
-    // A view can stand for any amount of work and memory, and is no table of rosbag2.
+    // A view can need any amount of time and memory, and rosbag2 writes none.
     database.set_db_config(DbConfig::SQLITE_DBCONFIG_ENABLE_VIEW, false)?;
     database.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
     let largest = i32::try_from(input::largest() / PART).unwrap_or(i32::MAX);
@@ -33,7 +33,7 @@ fn open(path: &Path) -> Result<Connection> {
     Ok(database)
 }
 
-/// Begins the time that a query may take.
+/// Starts the time limit of the next query.
 fn start_clock(database: &mut Connection) -> Result<()> {
     let started = Instant::now();
     database.progress_handler(STEPS, Some(move || started.elapsed() > LONGEST))
@@ -43,7 +43,7 @@ fn start_clock(database: &mut Connection) -> Result<()> {
 pub(super) fn topics(path: &Path) -> Result<Vec<Topic>> {
     let mut database = open(path)?;
     start_clock(&mut database)?;
-    // Bags of older releases carry no definitions.
+    // Bags of older releases of rosbag2 contain no definitions.
     let known = "SELECT count(*) FROM sqlite_master WHERE name = 'message_definitions'";
     let carried = database.query_row(known, [], |row| row.get::<_, i64>(0))? > 0;
     let listed: Vec<(i64, String, String)> = {
@@ -69,7 +69,7 @@ fn definition(database: &Connection, kind: &str) -> Result<Option<String>> {
     Ok(found.flatten().filter(|text| !text.trim().is_empty()))
 }
 
-/// How many messages a topic has; `None` if counting takes too long.
+/// Number of messages of a topic; `None` if counting exceeds the time limit.
 fn count(database: &Connection, topic: i64) -> Result<Option<u64>> {
     let query = "SELECT count(*) FROM messages WHERE topic_id = ?1";
     match database.query_row(query, [topic], |row| row.get::<_, i64>(0)) {
@@ -81,7 +81,8 @@ fn count(database: &Connection, topic: i64) -> Result<Option<u64>> {
     }
 }
 
-/// The messages of the wanted topics, those of samples and of markers, in the order of their time.
+/// The messages on the wanted topics in order of time; `wanted` names the topics of samples and of
+/// markers.
 pub(super) fn messages(path: &Path, wanted: &[Option<String>; 2]) -> Result<Messages> {
     let mut database = open(path)?;
     start_clock(&mut database)?;
@@ -95,13 +96,13 @@ pub(super) fn messages(path: &Path, wanted: &[Option<String>; 2]) -> Result<Mess
     Ok(Box::new(pages.map(|message| message.map_err(|error| error.to_string()))))
 }
 
-/// Messages of a file, some at a time.
+/// Messages of a file, read page by page.
 struct Pages {
     database: Connection,
-    /// Numbers of the topics of samples and of markers.
+    /// Row ids of the topics of samples and of markers.
     wanted: [Vec<i64>; 2],
     page: VecDeque<Message>,
-    /// Time and number of the message read last.
+    /// Time, ns, and row id of the message read last.
     after: (i64, i64),
     over: bool,
 }
@@ -137,7 +138,7 @@ impl Iterator for Pages {
             && !self.over
             && let Err(error) = self.turn_page()
         {
-            // What came before the fault is handed on; the next page shows it again.
+            // Messages read before the error are returned first; the next page repeats the error.
             self.over = self.page.is_empty();
             if self.over {
                 return Some(Err(error));

@@ -1,6 +1,6 @@
-//! What the files of a bag hold, whichever way they are stored: topics and their messages.
+//! Topics and messages of a bag, independent of the storage format.
 
-/// Where `palpate convert` marks the touches that it writes; read even if no option names it.
+/// Topic on which `palpate convert` marks the starts of touches; used by default if a bag has it.
 pub(super) const TOUCH_TOPIC: &str = "/palpate/touch";
 
 /// One topic.
@@ -9,13 +9,13 @@ pub(super) struct Topic {
     pub(super) name: String,
     /// Type of its messages.
     pub(super) kind: String,
-    /// How many there are, if the bag says.
+    /// Number of messages, if the bag says.
     pub(super) messages: Option<u64>,
-    /// The definition of the type, as text, if the bag carries it.
+    /// Definition of the type as text, if the bag contains it.
     pub(super) definition: Option<String>,
 }
 
-/// Of which topic a message is.
+/// Kind of topic that a message belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Which {
     Sample,
@@ -26,15 +26,15 @@ pub(super) enum Which {
 #[derive(Debug, Clone)]
 pub(super) struct Message {
     pub(super) which: Which,
-    /// When it was recorded.
+    /// Time of recording, ns.
     pub(super) time_ns: i64,
     pub(super) data: Vec<u8>,
 }
 
-/// Messages in the order of the file. An error is half a sentence for the user.
+/// Messages in the order of the file. The error is the end of a message to the user.
 pub(super) type Messages = Box<dyn Iterator<Item = Result<Message, String>> + Send>;
 
-/// Adds the topics of another file of the bag.
+/// Adds the topics of another file of the bag to `all`.
 pub(super) fn merge(all: &mut Vec<Topic>, others: Vec<Topic>) {
     for topic in others {
         match all.iter_mut().find(|known| known.name == topic.name) {

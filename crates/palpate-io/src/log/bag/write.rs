@@ -1,4 +1,4 @@
-//! Touches and stiff points as MCAP with the profile of ROS 2, which its tools read.
+//! Writes touches and stiff points as MCAP with the profile `ros2`, which the tools of ROS 2 read.
 //!
 //! | topic            | type                      | one message                             |
 //! |------------------|---------------------------|-----------------------------------------|
@@ -6,9 +6,9 @@
 //! | `/palpate/touch` | `std_msgs/String`         | before the first sample of each touch   |
 //! | `/palpate/field` | `sensor_msgs/PointCloud2` | a field: `x y z K K_std`, 32-bit floats |
 //!
-//! The header of a sample has its time, to the nanosecond. Touches may each begin their clock
-//! anew, but a bag goes forward: the time of recording goes on from touch to touch. Samples
-//! without a time have none in the header, and are recorded a millisecond apart.
+//! The header of a sample has its time, to the nanosecond. The clock may restart with each touch, but
+//! the times of recording in the bag never decrease from touch to touch. Samples without a time have
+//! the time 0 in the header, and are recorded a millisecond apart.
 
 use std::collections::BTreeMap;
 use std::io::{self, Seek, Write};
@@ -23,23 +23,23 @@ use super::reading::{HEADER, joint_state};
 use super::topic::TOUCH_TOPIC;
 use crate::field::FieldFile;
 
-/// How the chunks of a bag are packed.
+/// Compression of the chunks of a bag.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Compression {
-    /// Zstandard: small. With the feature `formats`.
+    /// Zstandard: smaller files. Needs the feature `formats`.
     #[cfg_attr(feature = "formats", default)]
     Zstd,
-    /// LZ4: quick. With the feature `formats`.
+    /// LZ4: faster. Needs the feature `formats`.
     Lz4,
-    /// Not at all.
+    /// No compression.
     #[cfg_attr(not(feature = "formats"), default)]
     None,
 }
 
-/// From one touch to the next, ns.
+/// Smallest interval between the recording times of one touch and the next, ns.
 const PAUSE_NS: i64 = 1_000_000_000;
-/// Between samples without a time, ns.
+/// Interval between the recording times of samples without a time, ns.
 const PERIOD_NS: i64 = 1_000_000;
 
 const POINT_CLOUD: &str = "std_msgs/Header header
@@ -52,7 +52,7 @@ uint32 row_step
 uint8[] data
 bool is_dense
 ";
-/// The message that a cloud holds beside its header.
+/// Definition of the inner type of a point cloud other than its header.
 const POINT_FIELD: &str =
     "================================================================================
 MSG: sensor_msgs/PointField
@@ -85,7 +85,7 @@ uint32 size
 uint32 stride
 ";
 
-/// A bag, message by message.
+/// Writes a bag, message by message.
 struct Bag<W: Write + Seek> {
     writer: Writer<W>,
     sequence: u32,
@@ -133,20 +133,20 @@ pub struct TouchWriter<W: Write + Seek> {
     joints: Vec<String>,
     samples: u16,
     markers: u16,
-    /// When the last message was recorded, ns.
+    /// Time of recording of the last message, ns.
     latest_ns: i64,
-    /// What lies between the clock of the touch and that of the bag, ns; unknown before its first
-    /// sample.
+    /// Difference between the time of recording and the clock of the touch, ns; `None` before the
+    /// first sample of the touch.
     shift_ns: Option<i64>,
     name: String,
 }
 
 impl<W: Write + Seek> TouchWriter<W> {
-    /// A bag for samples of these joints.
+    /// Starts a bag for samples of these joints.
     ///
     /// # Errors
     ///
-    /// If the beginning cannot be written.
+    /// If the first records cannot be written.
     pub fn new(out: W, joints: Vec<String>, compression: Compression) -> io::Result<Self> {
         Self::on("/joint_states", out, joints, compression)
     }
@@ -159,7 +159,7 @@ impl<W: Write + Seek> TouchWriter<W> {
         Ok(Self { bag, joints, samples, markers, latest_ns: 0, shift_ns, name })
     }
 
-    /// Starts a touch; it is written with its first sample.
+    /// Starts a touch; its marker is written with its first sample.
     pub fn touch(&mut self, name: &str) {
         name.clone_into(&mut self.name);
         self.shift_ns = None;
@@ -169,8 +169,8 @@ impl<W: Write + Seek> TouchWriter<W> {
     ///
     /// # Errors
     ///
-    /// If it cannot be written, has not one position and torque a joint, or a time that a header
-    /// cannot hold.
+    /// If it cannot be written, does not have one position and one torque per joint, or has a time
+    /// that a header cannot represent.
     pub fn sample(&mut self, sample: &Sample) -> io::Result<()> {
         let joints = self.joints.len();
         if sample.q.len() != joints || sample.tau.len() != joints {
@@ -182,7 +182,7 @@ impl<W: Write + Seek> TouchWriter<W> {
         let first = self.shift_ns.is_none();
         let earliest = self.latest_ns + if first { PAUSE_NS } else { PERIOD_NS };
         let recorded_ns = match time_ns {
-            // The first touch keeps its clock, and so does each that begins after the one before.
+            // A touch keeps its own clock if it begins late enough after the previous touch.
             Some(time_ns) => {
                 let shift_ns = *self.shift_ns.get_or_insert((earliest - time_ns).max(0));
                 (time_ns + shift_ns).max(self.latest_ns)
@@ -231,11 +231,11 @@ pub struct TorqueWriter<W: Write + Seek> {
 }
 
 impl<W: Write + Seek> TorqueWriter<W> {
-    /// A bag for torques of these joints.
+    /// Starts a bag for torques of these joints.
     ///
     /// # Errors
     ///
-    /// If the beginning cannot be written.
+    /// If the first records cannot be written.
     pub fn new(out: W, joints: Vec<String>) -> io::Result<Self> {
         let topic = "/palpate/external_torque";
         let mut torques = TouchWriter::on(topic, out, joints, Compression::default())?;
@@ -252,7 +252,8 @@ impl<W: Write + Seek> TorqueWriter<W> {
         self.torques.touch(name);
     }
 
-    /// Writes a sample: time, positions and torques; standard deviations; whether something is touched.
+    /// Writes a sample: time, positions and external torques; their standard deviations, N·m; whether a contact is
+    /// detected.
     ///
     /// # Errors
     ///
@@ -289,7 +290,7 @@ impl<W: Write + Seek> TorqueWriter<W> {
 ///
 /// # Errors
 ///
-/// If it cannot be written, or has more points than a message can hold.
+/// If it cannot be written, or has too many points for one message.
 pub fn write_field(
     out: impl Write + Seek,
     field: &FieldFile,
@@ -332,7 +333,7 @@ pub fn write_field(
     bag.finish()
 }
 
-/// A message of plain little-endian CDR.
+/// A message in plain little-endian CDR, whose body `fill` writes.
 fn message(fill: impl FnOnce(&mut CdrWriter<'_, LittleEndian>)) -> Vec<u8> {
     let mut body = Vec::new();
     fill(&mut CdrWriter::new(&mut body));
@@ -346,7 +347,7 @@ fn header(out: &mut CdrWriter<'_, LittleEndian>, time_ns: i64, frame: &str) {
     out.write_string(frame);
 }
 
-/// A time that a header can hold, ns.
+/// Converts a time to ns; an error if a header cannot represent it.
 fn nanoseconds(time_s: f64) -> io::Result<i64> {
     if !(f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(&time_s) {
         let what = format!("the time {time_s} s is beyond what a header of ROS 2 can hold");

@@ -1,20 +1,20 @@
-//! Columns that belong together: one quantity of all joints; and which positions go with which torques.
+//! Groups columns to families (one quantity of all joints), and pairs families of positions with families of torques.
 
 use super::names::{Key, Label, Spelling};
 
-/// Families at most: of more, nobody can say which is meant.
+/// Largest number of families; a header with more is refused as ambiguous.
 const MOST: usize = 200;
 
 /// Columns whose names differ only in the joint.
 pub(super) struct Family {
     key: Key,
     pub(super) members: Vec<(Label, usize)>,
-    /// Those of the members, sorted.
+    /// Labels of the members, sorted.
     labels: Vec<Label>,
 }
 
-/// All families of columns that are spelt so, but for what was commanded, unless that counts. An error is half a sentence
-/// for the user.
+/// All families of columns with this spelling; commanded quantities are included only if `commands_count`. The error is
+/// the end of a message to the user.
 pub(super) fn families(
     header: &[String],
     spelling: &Spelling,
@@ -45,7 +45,7 @@ pub(super) fn families(
     Ok(families)
 }
 
-/// Leaves out `q_d1` where there is `q1`: without it, `d1` is the name of a joint.
+/// Removes the family of `q_d1` if there is `q1`. If there is not, `d1` is taken for the name of a joint.
 fn leave_out_numbered_commands(families: &mut Vec<Family>) {
     let what = |family: &Family| (family.key.topic.clone(), family.key.quantity.clone());
     let numbered: Vec<_> = families.iter().filter(|own| own.is_numbered()).map(what).collect();
@@ -59,30 +59,31 @@ impl Family {
         self.key.is_numbered()
     }
 
-    /// Whether it is of a topic of external torques.
+    /// Whether its topic is one of external torques.
     pub(super) fn is_external(&self) -> bool {
         self.key.is_external()
     }
 
-    /// The topic, or the part of a message, that it is of.
+    /// Its topic or part of a message, such as `/joint_states/` or `state.`.
     pub(super) fn topic(&self) -> &str {
         &self.key.topic
     }
 
-    /// Whether it is of the same topic, and of the same joints.
+    /// Whether both families have the same topic and the same joints.
     pub(super) fn stands_beside(&self, other: &Self) -> bool {
         self.topic() == other.topic() && self.labels == other.labels
     }
 
-    /// Whether joints are numbered from 0 or 1 on, each once.
+    /// Whether the joints are numbered consecutively from 0 or 1, without repetition.
     pub(super) fn is_gapless(&self) -> bool {
         let first = if self.labels.contains(&Label::Number(0)) { 0 } else { 1 };
         self.labels.iter().zip(first..).all(|(label, number)| *label == Label::Number(number))
     }
 }
 
-/// Families of positions and of torques that have the same joints: if there are any of one topic, only those; and of those
-/// that differ only in saying that they were measured, the ones that say so.
+/// Pairs of families of positions and of torques with the same joints. If both families of any pair have the same
+/// topic, only such pairs count. Of pairs that differ only in words such as `measured`, those with the most of them
+/// count.
 pub(super) fn pairs<'a>(
     positions: &'a [Family],
     torques: &'a [Family],

@@ -1,8 +1,8 @@
-//! Which column of a table is what: by the user's map, or by the spelling of its name.
+//! Finds the columns of a table: by the user's map, or by the spelling of their names.
 //!
-//! Spellings that are known, in any case, with `_`, `.`, `/`, `:`, `-` or a blank between words, a topic or a part of
-//! a message before them (`/joint_states/`, `field.`), `measured`, `actual` or `feedback` beside them, and a unit such as
-//! `[rad]` behind:
+//! The known spellings are listed below. Upper and lower case are equal. Words may be separated by `_`, `.`, `/`, `:`,
+//! `-` or a blank. A topic or a part of a message may precede them (`/joint_states/`, `field.`), `measured`, `actual`
+//! or `feedback` may be added, and a unit such as `[rad]` may follow:
 //!
 //! | what        | numbered                                       | named after the joint           |
 //! |-------------|------------------------------------------------|---------------------------------|
@@ -12,14 +12,14 @@
 //! | time        | `time`, `timestamp_ns`, `stamp.sec` and `stamp.nanosec` |                        |
 //! | touch       | `touch`, `sequence`, `seq`, `episode`          |                                 |
 //!
-//! What makers' own programs write is known as well: Universal Robots' RTDE (`actual_q_0`, `actual_current_as_torque_0`,
-//! `actual_current_0`), libfranka (`state.q[0]`, `state.tau_J[0]`, with a time in milliseconds), KUKA's recorder
-//! (`axisQMsr_LBR_iiwa_7_R800_1[0]`) and pyfri (`mp1`, `mt1`).
+//! Names of the manufacturers' programs are also known: Universal Robots' RTDE (`actual_q_0`,
+//! `actual_current_as_torque_0`, `actual_current_0`), libfranka (`state.q[0]`, `state.tau_J[0]`, with a time in
+//! milliseconds), KUKA's recorder (`axisQMsr_LBR_iiwa_7_R800_1[0]`) and pyfri (`mp1`, `mt1`).
 //!
-//! Columns are taken only if exactly one family of positions and one of torques have the same joints: what is
-//! ambiguous is an error, not a guess. Commands do not count. Of several pairs, those of one topic count; of two that
-//! differ only in `measured`, the measured one. Where no torques fit, Franka's external torques are taken
-//! (`tau_ext_hat_filtered`), or else motor currents.
+//! Columns are used only if exactly one family of positions and one of torques have the same joints; an ambiguous
+//! header is an error. Commanded quantities are ignored. Pairs of the same topic have priority over other pairs, and
+//! of two that differ only in `measured`, the measured one is used. If no torques fit, Franka's external torques
+//! (`tau_ext_hat_filtered`) are used, or else motor currents.
 
 mod families;
 mod names;
@@ -39,27 +39,28 @@ use names::{CURRENTS, EXTERNAL_TORQUES, JOINT_NAMES, Label};
 pub(super) use names::{POSITIONS, Spelling, TORQUES};
 pub(super) use time::{Time, date_s};
 
-/// Places of the columns in a row.
+/// Indices of the columns in a row.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Columns {
     pub(super) q: Vec<usize>,
     pub(super) tau: Vec<usize>,
-    /// Whether the name of each column of positions says that they are degrees, if nobody says what they are.
+    /// For each column of positions, whether its name says degrees; empty if the unit is given.
     pub(super) degrees: Vec<bool>,
     pub(super) joint_names: Option<Vec<String>>,
-    /// Where each row holds the joints' names, in the same order, as tables of messages do; one column may hold all.
+    /// Columns of the joint names, if rows contain them, in the order of `q`; a single column may hold all names as a
+    /// list.
     pub(super) named_in_row: Option<Vec<usize>>,
     pub(super) time: Option<Time>,
     pub(super) touch: Option<usize>,
-    /// What `tau` are by their names.
+    /// Kind of torques in `tau`, from their names.
     pub(super) torques: LoggedTorques,
 }
 
 const TOUCHES: &[&str] = &["touch", "sequence", "seq", "episode"];
 
 impl Columns {
-    /// The columns that `map` names, or those that are recognised by their spelling. An error is
-    /// half a sentence for the user.
+    /// The columns in `map`, or those recognised by their spelling. The error is the end of a message
+    /// to the user.
     pub(super) fn find(header: &[String], map: Option<&CsvColumns>) -> Result<Self, String> {
         Self::checked(
             header,
@@ -70,7 +71,7 @@ impl Columns {
         )
     }
 
-    /// The same of a motion that is only planned, in which torques may be missing: then `tau` is empty.
+    /// The columns of a planned motion, in which torques may be missing; `tau` is then empty.
     pub(super) fn find_planned(header: &[String]) -> Result<Self, String> {
         let with_torques = Self::find(header, None);
         with_torques.or_else(|_| Self::checked(header, Self::recognised(header, false)?))
@@ -85,13 +86,13 @@ impl Columns {
         }
     }
 
-    /// All places that are read.
+    /// Indices of all columns that are read.
     pub(super) fn used(&self) -> impl Iterator<Item = usize> {
         let time = self.time.iter().flat_map(Time::places);
         self.q.iter().chain(&self.tau).chain(&self.touch).copied().chain(time)
     }
 
-    /// What they say of their file.
+    /// Description of the file that these columns belong to.
     pub(super) fn describe(&self, path: &Path, header: &[String]) -> FileDescription {
         let names = |places: &[usize]| places.iter().map(|&place| header[place].clone()).collect();
         let time = self.time.as_ref().map(|time| names(&time.places().collect::<Vec<_>>()));
@@ -131,11 +132,12 @@ impl Columns {
         })
     }
 
-    /// Where torques are not needed, it is a plan: what is commanded counts.
+    /// Recognises columns by their spelling. Without torques (`has_torques` false) the table is a plan, so commanded
+    /// positions count.
     fn recognised(header: &[String], has_torques: bool) -> Result<Self, String> {
         let all = |spelling: &Spelling| families(header, spelling, !has_torques);
         let (positions, joint_names) = (all(&POSITIONS)?, all(&JOINT_NAMES)?);
-        // In a plan, positions stand for torques, so that they are of the same joints.
+        // In a plan, the positions are paired with themselves instead of with torques.
         let mut measured = all(if has_torques { &TORQUES } else { &POSITIONS })?;
         measured.retain(|family| !family.is_external());
         let found = [
@@ -187,7 +189,7 @@ impl Columns {
     }
 }
 
-/// The only column that is called so.
+/// The only column with this name.
 fn place_of(name: &str, header: &[String]) -> Result<usize, String> {
     let mut places = header.iter().enumerate().filter(|(_, held)| held.trim() == name.trim());
     match (places.next(), places.next()) {
@@ -197,7 +199,7 @@ fn place_of(name: &str, header: &[String]) -> Result<usize, String> {
     }
 }
 
-/// The time in the column that is called so, or in two, `seconds and nanoseconds`.
+/// The time in the column with this name, or in two columns, `seconds and nanoseconds`.
 fn time_called(name: &str, header: &[String]) -> Result<Time, String> {
     match (place_of(name, header), name.split_once(" and ")) {
         (Err(_), Some((seconds, nanoseconds))) => {
@@ -208,18 +210,18 @@ fn time_called(name: &str, header: &[String]) -> Result<Time, String> {
     }
 }
 
-/// The column that holds the names of all joints, as bagpy writes them.
+/// The column with a list of all joint names, as bagpy writes it.
 fn all_names(header: &[String], topic: &str) -> Option<usize> {
     header.iter().position(|held| held.trim().eq_ignore_ascii_case(&format!("{topic}name")))
 }
 
-/// The column that says which touch a row belongs to, the first of the words counting most.
+/// The column that says which touch a row belongs to; earlier words in [`TOUCHES`] have priority.
 fn touch(header: &[String]) -> Option<usize> {
     let plain: Vec<String> = header.iter().map(|name| base(name).to_ascii_lowercase()).collect();
     TOUCHES.iter().find_map(|word| plain.iter().position(|name| name == word))
 }
 
-/// A name without blanks around it and without its unit: `q1` of ` q1 [rad]`, `q1_rad`.
+/// A name without surrounding blanks and without its unit: `q1` for ` q1 [rad]` and `q1_rad`.
 fn base(name: &str) -> &str {
     static UNIT: LazyLock<Regex> = LazyLock::new(|| {
         let in_brackets = "rad|radians?|deg|degrees?|°|n[ .·*]?m|m|n|a|amperes?";
@@ -294,7 +296,7 @@ mod tests {
         assert_eq!((both.torques, both.tau), (LoggedTorques::Unsaid, vec![2]));
     }
 
-    /// What programs write, as their documentation or their records have it.
+    /// Headers from the documentation or from recordings of other programs.
     #[test]
     fn what_other_programs_write_is_recognised() {
         for header in [
@@ -304,7 +306,7 @@ mod tests {
             "%time,x,field.q0,field.q1,field.tau_J0,field.tau_J1,field.q_d0,field.q_d1,\
              field.tau_J_d0,field.tau_J_d1,field.dq0,field.dq1,field.tau_ext_hat_filtered0,\
              field.tau_ext_hat_filtered1",
-            // bagpy, the same
+            // bagpy, of joint states and of franka_ros
             "Time,header.seq,position_0,position_1,effort_0,effort_1,velocity_0,velocity_1",
             "Time,x,q_0,q_1,tau_J_0,tau_J_1,q_d_0,q_d_1,tau_J_d_0,tau_J_d_1,dq_0,dq_1,\
              tau_ext_hat_filtered_0,tau_ext_hat_filtered_1",
@@ -348,7 +350,7 @@ mod tests {
         let columns = columns.unwrap();
         assert_eq!((columns.q, columns.tau), (vec![0, 1], vec![2, 3]));
         assert_eq!(columns.joint_names.unwrap(), ["elbow", "wrist"]);
-        // Joints may be called like that.
+        // Joints may have names that look like commands.
         for header in [
             "position_theta1,position_theta2,position_d3,effort_theta1,effort_theta2,effort_d3",
             "a_pos,c_pos,d_pos,a_torque,c_torque,d_torque",
@@ -356,7 +358,7 @@ mod tests {
             assert_eq!(find(header).unwrap().q, [0, 1, 2], "{header}");
         }
         assert_eq!(find("q1,q2,tau1,tau2,q_d1,q_d2,tau_d1,tau_d2").unwrap().q, [0, 1]);
-        // Of a plan, commands are what is wanted.
+        // In a plan, commanded positions are used.
         let plan = ["time", "target_elbow_position", "target_wrist_position"].map(str::to_owned);
         assert_eq!(Columns::find_planned(&plan).unwrap().q, [1, 2]);
         let two_topics = find("/a/q[0],/a/tau[0],/b/q[0],/b/tau[0]").unwrap_err();
@@ -375,7 +377,7 @@ mod tests {
             "q1 [mrad],tau1",
             "q1,tau1 [mNm]",
             "joint_pos_0,joint_torque_0,actual_pos_0",
-            // A tool's position may be measured, too.
+            // Measured positions may also be those of a tool.
             "q_0,q_1,q_2,tau_0,tau_1,tau_2,actual_pos_0,actual_pos_1,actual_pos_2",
         ] {
             assert!(find(header).is_err(), "{header}");

@@ -1,4 +1,4 @@
-//! Names of columns that hold a quantity of each joint: which quantity, which joint, and whether it was measured.
+//! Parses names of columns that hold a quantity of one joint: which quantity, which joint, measured or commanded.
 
 use std::sync::LazyLock;
 
@@ -6,18 +6,18 @@ use regex::{Regex, RegexBuilder};
 
 use super::base;
 
-/// How columns of one quantity are called, and arrays of all joints.
+/// Patterns for the names of one quantity: of columns of one joint, and of arrays of all joints.
 pub(in crate::log) struct Spelling {
-    /// The pattern of a number behind a word; then, word by word, those of a joint's name before it and behind it. The
-    /// first that fits counts.
+    /// First the pattern for a word with a joint number after it; then, for each word, the patterns for a joint name
+    /// before it and after it. The first match counts.
     columns: Vec<Regex>,
     array: Regex,
 }
 
-/// Which of the patterns has numbers.
+/// Index in `Spelling::columns` of the pattern for numbered joints.
 const NUMBERED: usize = 0;
 
-/// What may stand between words.
+/// Pattern for a separator between words.
 const BETWEEN: &str = "[_./:\\- ]";
 /// Words that say that a quantity was measured, in contrast to what was commanded.
 const MEASURED: &str = "actual|act|measured|meas|msr|feedback|fb";
@@ -25,7 +25,7 @@ const MEASURED: &str = "actual|act|measured|meas|msr|feedback|fb";
 const COMMANDED: &str =
     "des|desired|cmd|command|commanded|target|ref|reference|goal|set|setpoint|planned|ipo";
 
-/// What stands in the place of a joint but says that the quantity was commanded: `d_1`, `cmd_elbow`, `elbow target`.
+/// Matches a joint label that says that the quantity was commanded: `d_1`, `cmd_elbow`, `elbow target`.
 static COMMANDED_JOINT: LazyLock<Regex> = LazyLock::new(|| {
     let (opened, number) = (format!("(?:{BETWEEN}|[\\[(])"), "[\\[(]?[0-9]+[\\])]?");
     ignoring_case(&format!(
@@ -33,16 +33,17 @@ static COMMANDED_JOINT: LazyLock<Regex> = LazyLock::new(|| {
          {BETWEEN}(?:{COMMANDED})(?:{BETWEEN}?{number})?$"
     ))
 });
-/// The same without anything between the word and a number, `d1`: unless it stands beside numbers, it is a joint's name.
+/// Matches such a label without a separator before the number, such as `d1`, which may also be the name of a joint. It
+/// means a command only if the same quantity also has numbered columns.
 static COMMANDED_NUMBER: LazyLock<Regex> =
     LazyLock::new(|| ignoring_case(&format!("^(?:d|{COMMANDED})[0-9]+$")));
-/// A topic, or a part of a message, of what was commanded.
+/// Matches a topic, or a part of a message, with commanded quantities.
 static COMMANDED_TOPIC: LazyLock<Regex> = LazyLock::new(|| {
     ignoring_case(
         "(?:^|[^a-z])(?:d|des|cmd|goal|ref|set|action)(?:[^a-z]|$)|desired|command|target|reference|setpoint",
     )
 });
-/// One of external torques.
+/// Matches a topic, or a part of a message, with external torques.
 static EXTERNAL_TOPIC: LazyLock<Regex> =
     LazyLock::new(|| ignoring_case("(?:^|[^a-z])ext(?:[^a-z]|$)|external"));
 
@@ -54,10 +55,10 @@ pub(in crate::log) static TORQUES: LazyLock<Spelling> = LazyLock::new(|| {
     Spelling::new(&[&words[..], &of_makers].concat())
 });
 pub(super) static EXTERNAL_TORQUES: LazyLock<Spelling> = LazyLock::new(|| {
-    // Only Franka's, whose sign is known.
+    // Only Franka's: the sign of others is not known.
     Spelling::new(&["tau_ext_hat_filtered"])
 });
-/// Columns of a message that hold the joint's name in every row.
+/// Columns that contain the name of a joint in every row.
 pub(super) static JOINT_NAMES: LazyLock<Spelling> = LazyLock::new(|| Spelling::new(&["names?"]));
 pub(super) static CURRENTS: LazyLock<Spelling> =
     LazyLock::new(|| Spelling::new(&["(?:motor_?)?currents?", "curr", "i"]));
@@ -95,12 +96,12 @@ impl Spelling {
         }
     }
 
-    /// Whether an array of all joints is called so. Its name may say radians, but no other unit.
+    /// Whether this is a name of an array of all joints. It may end in `_rad`, but not in another unit.
     pub(in crate::log) fn is_of_array(&self, name: &str) -> bool {
         self.array.is_match(name.strip_suffix("_rad").unwrap_or(name))
     }
 
-    /// What a name says, if it is spelt so, and its joint.
+    /// Parses the name of a column; `None` if it does not have this spelling.
     pub(super) fn classify(&self, name: &str) -> Option<(Key, Label)> {
         let name = base(name);
         let (kind, found) = self
@@ -130,27 +131,27 @@ pub(super) enum Label {
 }
 
 impl Label {
-    /// Whether it is no joint, but says that the quantity was commanded.
+    /// Whether the label is no joint but says that the quantity was commanded.
     pub(super) fn is_command(&self) -> bool {
         matches!(self, Self::Name(name) if COMMANDED_JOINT.is_match(name))
     }
 
-    /// The same of a word with a number, which can be the name of a joint as well: `d1`.
+    /// Whether the label may mean a command, but may also be the name of a joint: `d1`.
     pub(super) fn may_be_command(&self) -> bool {
         matches!(self, Self::Name(name) if COMMANDED_NUMBER.is_match(name))
     }
 }
 
-/// What a column's name says besides the joint.
+/// The parts of a column's name other than the joint.
 #[derive(PartialEq)]
 pub(super) struct Key {
-    /// Which of the patterns it fits.
+    /// Index of the pattern that matched.
     kind: usize,
-    /// The topic, or where in a message: what stands before the word, up to `/` or a dot.
+    /// Topic or part of a message: the text before the word, up to and including `/` or a dot.
     pub(super) topic: String,
-    /// All of the word, in lower case: `joint_measured_torque`.
+    /// The whole word, in lower case: `joint_measured_torque`.
     word: String,
-    /// What it is of that: `torque`.
+    /// The part of the word that names the quantity: `torque`.
     pub(super) quantity: String,
     pub(super) says_joint: bool,
     pub(super) is_measured: bool,
@@ -161,7 +162,7 @@ impl Key {
         self.kind == NUMBERED
     }
 
-    /// Whether its topic is one of commands.
+    /// Whether its topic is one of commanded quantities.
     pub(super) fn is_command(&self) -> bool {
         COMMANDED_TOPIC.is_match(&self.topic)
     }

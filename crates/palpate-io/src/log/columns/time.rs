@@ -1,5 +1,5 @@
-//! The time in a table: one column, in a unit that follows from its name or the size of its numbers, or one of seconds
-//! and one of nanoseconds.
+//! Time in a table: one column, whose unit follows from its name or the size of its numbers; or a column of seconds and
+//! a column of nanoseconds.
 
 use std::sync::LazyLock;
 
@@ -8,17 +8,17 @@ use jiff::civil::DateTime;
 use jiff::tz::TimeZone;
 use regex::Regex;
 
-/// Where the time of a row stands.
+/// The columns of the time, and its unit.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::log) struct Time {
     place: usize,
-    /// The column of nanoseconds that are added.
+    /// Column of nanoseconds that are added to the seconds in `place`.
     nanoseconds: Option<usize>,
-    /// Seconds in a unit, if the name says it.
+    /// Unit of the time, s; `None` until it is known.
     unit_s: Option<f64>,
 }
 
-/// Names of a time, the first pattern counting most, without the unit and in lower case.
+/// Names of a time in lower case, without the unit; earlier patterns have priority.
 static TIMES: LazyLock<Vec<Regex>> = LazyLock::new(|| {
     let names = [
         r"(?:.*[./])?stamp",
@@ -30,7 +30,7 @@ static TIMES: LazyLock<Vec<Regex>> = LazyLock::new(|| {
     ];
     names.into_iter().map(|name| regex(&format!("^{name}$"))).collect()
 });
-/// A name, and behind it a unit, if it says one.
+/// A name, with a unit after it, if there is one.
 static WITH_UNIT: LazyLock<Regex> = LazyLock::new(|| {
     let units: Vec<String> = UNITS.iter().map(|(_, names)| names.join("|")).collect();
     let units = units.join("|");
@@ -41,7 +41,7 @@ fn regex(pattern: &str) -> Regex {
     Regex::new(pattern).expect("names fit a pattern")
 }
 
-/// Names of units, and seconds in them.
+/// Units of time, s, with their names.
 const UNITS: &[(f64, &[&str])] = &[
     (1.0, &["seconds", "secs", "sec", "s"]),
     (1e-3, &["milliseconds", "millis", "msec", "ms"]),
@@ -50,15 +50,16 @@ const UNITS: &[(f64, &[&str])] = &[
 ];
 const NANOSECONDS: &[&str] =
     &["nanoseconds", "nanosecs", "nanosec", "nanos", "nsecs", "nsec", "ns"];
-/// Unix times that are looked for where no unit is said, s: 1998 to 2096.
+/// Range in which a time without a unit is taken for a Unix time, s: 1998 to 2096.
 const SINCE_1970_S: std::ops::RangeInclusive<f64> = 9e8..=4e9;
 
-/// Names of the time, ms, and of another column in what libfranka's `logToCSV` writes, now and in older versions.
+/// Names of the time column, ms, and of a second column, by which tables of libfranka's `logToCSV` are recognised: of
+/// newer and of older versions.
 const LIBFRANKA: [[&str; 2]; 2] = [["time", "success_rate"], ["duration", "success rate"]];
 
 impl Time {
-    /// The column, or the two columns, that hold the time. The stamp of a message counts more than the time of recording,
-    /// but only of the topic of the positions.
+    /// Finds the column, or the two columns, of the time. The stamp of a message has priority over the time of
+    /// recording, but only if it belongs to `topic`, the topic of the positions.
     pub(super) fn find(header: &[String], topic: &str) -> Option<Self> {
         let topic = topic.to_lowercase();
         let of_topic = |name: &String| {
@@ -76,7 +77,7 @@ impl Time {
         of_libfranka(header).or_else(|| in_two(&names)).or_else(in_one)
     }
 
-    /// The column whose name is one of a time, among names in lower case.
+    /// Finds a column by a known name of the time; `names` are in lower case.
     pub(in crate::log) fn in_one(names: &[String]) -> Option<Self> {
         let plain: Vec<(&str, Option<f64>)> = names.iter().map(|name| parted(name)).collect();
         let called = |pattern: &Regex| plain.iter().position(|(name, _)| pattern.is_match(name));
@@ -84,7 +85,8 @@ impl Time {
         Some(Self { place, nanoseconds: None, unit_s: plain[place].1 })
     }
 
-    /// The column at this place, which the user or the format names, and that of nanoseconds beside it.
+    /// The time in a given column, with an optional column of nanoseconds; the unit follows from the name of the
+    /// column.
     pub(in crate::log) fn at(place: usize, nanoseconds: Option<usize>, header: &[String]) -> Self {
         let said = || parted(&header[place].trim().to_lowercase()).1;
         let of_libfranka = of_libfranka(header).filter(|time| time.place == place);
@@ -92,17 +94,18 @@ impl Time {
         Self { place, nanoseconds, unit_s }
     }
 
-    /// Its columns.
+    /// Indices of its columns.
     pub(in crate::log) fn places(&self) -> impl Iterator<Item = usize> + Clone + use<> {
         [self.place].into_iter().chain(self.nanoseconds)
     }
 
-    /// The time of a row where a date stands in place of a number, s; `cell` is what stands in a column.
+    /// The time of a row whose time is a date, s since 1970; `None` for a number. `cell` returns the text of a column.
     pub(in crate::log) fn of_date<'a>(&self, cell: impl Fn(usize) -> &'a str) -> Option<f64> {
         date_s(cell(self.place))
     }
 
-    /// The time of a row, s; `number` reads a column of it. If the name says no unit, the first row decides for all.
+    /// The time of a row, s; `number` reads a column of the row. If the name contains no unit, the first row decides
+    /// it.
     pub(in crate::log) fn seconds<E>(
         &mut self,
         mut number: impl FnMut(usize) -> Result<f64, E>,
@@ -113,7 +116,7 @@ impl Time {
             return Ok(time * unit_s);
         };
         let nanoseconds = number(place)?;
-        // Either may be the whole time, in its own unit.
+        // Either column may contain the whole time, in its own unit.
         Ok(match (time.fract() == 0.0, nanoseconds < 1e9) {
             (true, true) => time + 1e-9 * nanoseconds,
             (true, false) => 1e-9 * nanoseconds,
@@ -122,7 +125,7 @@ impl Time {
     }
 }
 
-/// A date and a time of day as seconds since 1970: in UTC, if no zone is said. A number is no date.
+/// A date with a time of day as seconds since 1970, in UTC if there is no time zone. `None` for other text and numbers.
 pub(in crate::log) fn date_s(text: &str) -> Option<f64> {
     if !text.contains(':') {
         return None;
@@ -133,20 +136,20 @@ pub(in crate::log) fn date_s(text: &str) -> Option<f64> {
     moment.map(|moment| moment.as_duration().as_secs_f64())
 }
 
-/// Seconds in the unit of a time that does not say it: ms, µs or ns if that makes it a Unix time of our days, else s.
+/// Guesses the unit of a time, s: ms, µs or ns if the time is then within [`SINCE_1970_S`], else s.
 fn unit_of(time: f64) -> f64 {
     let is_now = |unit_s: &f64| SINCE_1970_S.contains(&(time * unit_s));
     [1e-3, 1e-6, 1e-9].into_iter().find(is_now).unwrap_or(1.0)
 }
 
-/// The time in what libfranka writes.
+/// The time in a table of libfranka; `None` for other tables.
 fn of_libfranka(header: &[String]) -> Option<Time> {
     let place = |wanted: &str| header.iter().position(|name| name.trim() == wanted);
     let place = LIBFRANKA.iter().find_map(|[time, other]| place(other).and(place(time)))?;
     Some(Time { place, nanoseconds: None, unit_s: Some(1e-3) })
 }
 
-/// Two columns whose names differ in `sec` and `nanosec`, stamps first.
+/// Two columns whose names differ only in `sec` and `nanosec`; names with `stamp` have priority.
 fn in_two(names: &[String]) -> Option<Time> {
     let of_place = |(place, name): (usize, &String)| {
         let stem = NANOSECONDS.iter().find_map(|unit| name.strip_suffix(unit))?;
@@ -161,7 +164,7 @@ fn in_two(names: &[String]) -> Option<Time> {
     found.into_iter().next()
 }
 
-/// A name in lower case without its unit, and seconds in that unit, if it says one: `time [ms]`, `record_time_nsec`.
+/// Splits a name in lower case, such as `time [ms]` or `record_time_nsec`, into the name and its unit, s, if any.
 fn parted(name: &str) -> (&str, Option<f64>) {
     let Some(found) = WITH_UNIT.captures(name) else { return (name, None) };
     let unit = found.name("unit").map(|unit| unit.as_str());
@@ -197,7 +200,7 @@ mod tests {
         Time::find(&header, "/js/")
     }
 
-    /// The time of a row of which the columns hold these numbers.
+    /// The time, s, of a row with these numbers.
     fn seconds(header: &str, row: &[f64]) -> Option<f64> {
         find(header)?.seconds(|place| Ok::<_, ()>(row[place])).ok()
     }
@@ -222,7 +225,7 @@ mod tests {
         }
         let mut clock = Time::at(0, None, &["t/ms".to_owned()]);
         assert_eq!(clock.seconds(|_| Ok::<_, ()>(2.0)), Ok(2e-3));
-        // Another's duration is no time, nor are nanoseconds by themselves, another unit, or a cycle's time.
+        // Names that are not the time: `duration` of other programs, the time of a cycle, other units.
         for header in [
             "duration,q1",
             "stamp_of_nothing,q1",
@@ -269,7 +272,7 @@ mod tests {
         ] {
             assert_eq!(seconds(header, &[3.0, 5e8, 9.0, 9.0]), Some(3.5), "{header}");
         }
-        // Both may be the same time.
+        // Both columns may contain the whole time.
         for (s, ns, wanted) in [(0.5, 5e8, 0.5), (1.0, 1e9, 1.0), (1.7e9, 1.7e18, 1.7e9)] {
             assert_eq!(seconds("timestamp_s,timestamp_ns", &[s, ns]), Some(wanted));
         }

@@ -1,11 +1,11 @@
-//! The unit of positions, by the names of their columns.
+//! Unit of the positions, from the names of their columns.
 
 use super::super::options::{AngleUnit, CsvColumns};
 use super::Columns;
 
 impl Columns {
-    /// Themselves, unless a name contradicts the unit; where none is given, names that say degrees are believed. An error
-    /// is half a sentence for the user.
+    /// Returns the columns, or an error if a name contradicts the given unit. Without a given unit, columns whose names
+    /// say degrees are marked in `degrees`. The error is the end of a message to the user.
     pub(in crate::log) fn in_unit(
         self,
         header: &[String],
@@ -29,7 +29,8 @@ impl Columns {
         }
     }
 
-    /// Turns positions into radians where the name of their column says degrees. A single column may hold a list of all.
+    /// Converts positions to radians where the name of their column says degrees. The name of a single column applies
+    /// to all positions: it may hold a list.
     pub(in crate::log) fn turn_degrees(&self, q: &mut [f64]) {
         let by_joint = self.degrees.iter().cycle().take(q.len());
         q.iter_mut()
@@ -40,7 +41,7 @@ impl Columns {
 }
 
 impl CsvColumns {
-    /// The unit that the name of any column of positions says.
+    /// The unit in the name of a column of positions; degrees if the names of columns differ.
     pub fn angle_unit(&self) -> Option<AngleUnit> {
         [AngleUnit::Deg, AngleUnit::Rad]
             .into_iter()

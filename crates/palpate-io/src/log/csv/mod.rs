@@ -1,9 +1,9 @@
-//! Touches as tables of text: one row a sample, columns by name.
+//! Touches as tables of text: one row per sample, columns by name.
 //!
-//! A file is one touch, unless a column says which touch each row belongs to; a folder of files is
-//! a touch each, in natural order. Comma, semicolon, tab or blanks between the cells, quotes, a byte-order
-//! mark, Windows line ends and lines that begin with `#` or `%` are all understood; decimals have a point.
-//! Which column is what: [`super::columns`]. Rows stream, and no line may be longer than 1 MiB.
+//! A file is one touch, unless a column says which touch each row belongs to. A folder of files is read in
+//! natural order. Cells are separated by commas, semicolons, tabs or blanks; quotes, a byte-order mark, Windows
+//! line ends and comments that begin with `#` or `%` are allowed; the decimal separator is a point.
+//! [`super::columns`] decides which column is what. Rows stream, and a line may have at most 1 MiB.
 
 mod sniff;
 
@@ -23,19 +23,19 @@ use super::options::LogOptions;
 use crate::input;
 use sniff::{MAX_LINE_BYTES, sniff};
 
-/// What the error of unclear columns shows.
+/// Example of a column map in the error message for missing or ambiguous columns.
 const EXAMPLE: &str = ", for two joints: columns = { q = [\"a\", \"b\"], tau = [\"c\", \"d\"], time = \
                        \"t\", touch = \"n\" }";
 
 const NO_HEADER: &str =
     "the first line holds numbers instead of names, so columns are called by their numbers, from 1";
 
-/// Whether a file is called like a table.
+/// Whether a file has the extension of a table.
 pub(super) fn is_table(path: &Path) -> bool {
     folder::is_file_with(path, &["csv", "tsv"])
 }
 
-/// Whether a file that is given by itself may be a table: programs also call it so.
+/// Whether a file that is given directly (not found in a folder) may be a table: programs also use these extensions.
 pub(super) fn may_be_table(path: &Path) -> bool {
     folder::is_file_with(path, &["txt", "log", "dat"])
 }
@@ -48,7 +48,7 @@ pub(super) struct CsvFile {
     delimiter: u8,
     header: Vec<String>,
     columns: Columns,
-    /// The first row, once it was read for the joints' names.
+    /// The first row, if it was already read to learn its content.
     first: Option<ByteRecord>,
 }
 
@@ -78,7 +78,7 @@ impl TouchFile for CsvFile {
         };
         let first = first.unwrap_or_default();
         let mut header: Vec<String> = first.iter().map(text).collect();
-        // Without a header, columns are called by their numbers, and the line is a row.
+        // Without a header, columns are named by their numbers, and the first line is a row.
         let is_row = holds_numbers(&header);
         if is_row {
             header = (1..=header.len()).map(|number| number.to_string()).collect();
@@ -92,12 +92,12 @@ impl TouchFile for CsvFile {
         if let Some(places) = &columns.named_in_row {
             first = next_record(&mut reader, delimiter, path)?;
             let whole = first.as_ref().filter(|row| row.len() == header.len());
-            // A single cell may name something else, unless it holds a list.
+            // A single cell without a list may name something else, not the joints.
             let is_list = |row: &&ByteRecord| places.len() > 1 || row[places[0]].starts_with(b"[");
             let names = whole.filter(is_list).map(|row| names_in(row, places));
             columns.joint_names = names.filter(|names| names.len() == columns.q.len());
             if columns.joint_names.is_none() {
-                columns.named_in_row = None; // of something else
+                columns.named_in_row = None; // these are not the names of the joints
             }
         }
         // pandas writes its index as a column without a name.
@@ -156,14 +156,15 @@ impl TouchFile for CsvFile {
     }
 }
 
-/// Whether a line holds numbers where a header holds names. Names that count from 0, as pandas writes them, are no row.
+/// Whether all cells of the first line are numbers or dates, so that it is no header. The numbers 0, 1, 2, ... are a
+/// header: pandas writes them for columns without names.
 fn holds_numbers(line: &[String]) -> bool {
     let counted = line.iter().enumerate().all(|(at, name)| *name == at.to_string());
     let is_value = |name: &String| name.parse::<f64>().is_ok() || date_s(name).is_some();
     !counted && line.iter().all(is_value)
 }
 
-/// The columns of a header. An error is half a sentence for the user.
+/// Finds the columns in a header. The error is the end of a message to the user.
 fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
     let columns = match options.planned && options.columns.is_none() {
         true => Columns::find_planned(header)?,
@@ -191,7 +192,7 @@ fn next_record(
     }
 }
 
-/// The joints' names in a row: a cell each, or a list of them in one cell, such as `['elbow', 'wrist']`.
+/// The names of the joints in a row: one per cell, or a list in one cell, such as `['elbow', 'wrist']`.
 fn names_in(row: &ByteRecord, places: &[usize]) -> Vec<String> {
     let cells: Vec<String> = places.iter().map(|&place| text(&row[place])).collect();
     match &cells[..] {
@@ -203,7 +204,7 @@ fn names_in(row: &ByteRecord, places: &[usize]) -> Vec<String> {
     }
 }
 
-/// A row without empty cells, if blanks are between the cells: programs align columns by several.
+/// Removes empty cells if the delimiter is a blank: programs align columns with several blanks.
 fn without_runs(record: ByteRecord, delimiter: u8) -> ByteRecord {
     match delimiter {
         b' ' => record.iter().filter(|cell| !cell.is_empty()).collect(),
@@ -245,12 +246,12 @@ impl CsvFile {
             true => vec![0.0; q.len()],
             false => numbers(&self.columns.tau)?,
         };
-        self.columns.time = time; // which knows its unit now
+        self.columns.time = time; // the first row may have decided its unit
         Ok(Sample::new(time_s, q, tau))
     }
 }
 
-/// What stands in a column; nothing, if that is no text.
+/// The text of a cell; empty if it is not UTF-8.
 fn cell(row: &ByteRecord, place: usize) -> &str {
     std::str::from_utf8(&row[place]).unwrap_or_default()
 }
@@ -259,10 +260,11 @@ fn text(cell: &[u8]) -> String {
     String::from_utf8_lossy(cell).into_owned()
 }
 
-/// Hands on a file as whole lines, none of them longer than `left` bytes.
+/// Reads a file, with at most `left` bytes until `left` is set again, and adds a missing line end at the end of the
+/// file.
 ///
-/// A quote left open must not swallow the file; and since a record's own position is that of the
-/// blank lines before it, lines are counted at their ends, of which the last line needs one.
+/// The limit stops a row whose quote is never closed. The line end is needed because lines are counted at their ends:
+/// the position of a record itself includes the blank lines before it.
 #[derive(Debug)]
 struct Lines<R> {
     input: R,

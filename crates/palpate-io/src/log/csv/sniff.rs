@@ -1,21 +1,21 @@
-//! How a table is written: its delimiter and where its header stands.
+//! Detects the delimiter, the comment character and the header of a table from its first lines.
 
 use std::io::{self, BufRead};
 
-/// A line longer than this is no line of a log.
+/// Largest length of a line, bytes; a file with a longer one is refused.
 pub(super) const MAX_LINE_BYTES: u64 = 1 << 20;
 
-/// What follows from the first lines of a table.
+/// Delimiter, comment character and header of a table.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Dialect {
     pub(super) delimiter: u8,
-    /// What begins a line that is no row.
+    /// First character of comment lines.
     pub(super) comment: u8,
-    /// The header, if it stands in a comment as `numpy.savetxt`, `rostopic echo -p` and KUKA's recorder write it.
+    /// The header, if it is in a comment, as written by `numpy.savetxt`, `rostopic echo -p` and KUKA's recorder.
     pub(super) commented_header: Option<String>,
 }
 
-/// Reads up to the first line that is no comment. `Err` inside is half a sentence for the user.
+/// Reads up to the first line that is not a comment. The inner error is the end of a message to the user.
 pub(super) fn sniff(mut input: impl BufRead) -> io::Result<Result<Dialect, &'static str>> {
     let mut comment: Option<(u8, String)> = None;
     loop {
@@ -47,8 +47,8 @@ pub(super) fn sniff(mut input: impl BufRead) -> io::Result<Result<Dialect, &'sta
     }
 }
 
-/// The delimiter that parts the line into most pieces; if none does, a blank, as Universal Robots' RTDE and
-/// `numpy.savetxt` write it; else a comma.
+/// The most frequent of comma, semicolon and tab in a line; without any of them a blank, as written by Universal
+/// Robots' RTDE and `numpy.savetxt`; without a blank a comma.
 fn delimiter(line: &str) -> u8 {
     let mut best = b',';
     for candidate in [b';', b'\t'] {
@@ -59,7 +59,7 @@ fn delimiter(line: &str) -> u8 {
     if count(line, best) == 0 && count(line, b' ') > 0 { b' ' } else { best }
 }
 
-/// How often the delimiter stands outside quotes, several blanks in a row as one.
+/// Number of delimiters outside quotes; several blanks in a row count as one.
 fn count(line: &str, delimiter: u8) -> usize {
     let (mut quoted, mut last) = (false, 0);
     let bare = line.bytes().filter(|&byte| {
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_table_is_refused() {
+    fn a_file_that_is_not_a_table_is_refused() {
         for bytes in [&b""[..], b"# only\n", b"\xff\xfet\0", b"\x93NUMPY\0", &[b'a'; 1 << 20]] {
             assert!(sniff(bytes).unwrap().is_err());
         }

@@ -1,4 +1,4 @@
-//! What a data set of LeRobot says of itself, in `meta/info.json` (versions 2 and 3): the names in its lists.
+//! Joint names of a LeRobot data set, from its `meta/info.json` (versions 2 and 3).
 
 use std::path::Path;
 
@@ -6,15 +6,15 @@ use serde_json::Value;
 
 use crate::input;
 
-/// Bytes of the largest `info.json`.
+/// Largest size of `info.json`, bytes.
 const LARGEST: u64 = 16 << 20;
-/// Folders between a file of frames and that of its data set, at most: `data/chunk-000`.
+/// Number of folders above a file of frames in which `meta/info.json` is searched: `data/chunk-000` and the data set.
 const DEPTH: usize = 3;
-/// What names of a list end with beside the name of the joint.
+/// Suffixes of names in a list, after the name of the joint.
 const ENDINGS: [&str; 7] =
     [".pos", ".position", ".effort", ".torque", "_pos", "_effort", "_torque"];
 
-/// The joints that lists of positions and of torques both have, and where in them each is.
+/// The joints that are in both lists, of positions and of torques, and their indices in each.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Joints {
     pub(super) names: Vec<String>,
@@ -22,8 +22,8 @@ pub(super) struct Joints {
     pub(super) tau: Vec<usize>,
 }
 
-/// The joints of the data set that a file of frames belongs to; `None` if it belongs to none, or that names none of them.
-/// An error is half a sentence on its `info.json`.
+/// The joints of the data set that a file of frames belongs to. `None` without a data set, without names, or if the
+/// names only count and so say nothing beyond the order. The error is the end of a message about `info.json`.
 pub(super) fn joints(file: &Path, q: &str, tau: &str) -> Result<Option<Joints>, String> {
     let whole = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
     let folders = whole.ancestors().skip(1).take(DEPTH);
@@ -45,17 +45,17 @@ pub(super) fn joints(file: &Path, q: &str, tau: &str) -> Result<Option<Joints>, 
     let numbers: Option<Vec<u32>> = names.iter().map(|name| number(name)).collect();
     let count_up = numbers.is_some_and(|numbers| numbers.is_sorted());
     if names.is_empty() || (q == tau && count_up) {
-        return Ok(None); // they say no more than the order does
+        return Ok(None); // the names say nothing beyond the order
     }
     let places = |of: &[String]| names.iter().filter_map(|name| place(of, name)).collect();
     Ok(Some(Joints { q: places(&q), tau: places(&tau), names }))
 }
 
-/// A list of names, or one list that is named itself: `{"motors": [...]}`. Endings that say what is measured are taken away.
+/// The names in a list, or in the only list of an object, `{"motors": [...]}`, without the suffixes [`ENDINGS`].
 fn names(value: &Value) -> Option<Vec<String>> {
     let list = match value {
         Value::Object(kinds) if kinds.len() == 1 => kinds.values().next()?,
-        other => other, // of several lists, nobody knows which comes first
+        other => other, // `None` below for several lists: their order is not known
     };
     let bare = |name: &Value| {
         let name = name.as_str()?;
@@ -65,7 +65,7 @@ fn names(value: &Value) -> Option<Vec<String>> {
     list.as_array()?.iter().map(bare).collect()
 }
 
-/// The number that a name is, perhaps behind a word that any joint could have.
+/// The number of a name that is only a number, or a number after a general word such as `motor` or `joint`.
 fn number(name: &str) -> Option<u32> {
     let words = ["motor", "joint", "state", "axis", "dim", "j", "q", "m"];
     let name = name.to_ascii_lowercase();
@@ -114,7 +114,7 @@ mod tests {
         ] {
             assert_eq!(joints_of(names, names), Ok(None), "{names}");
         }
-        // Where numbers say more than the order does, they count.
+        // Numbers are used if they differ from the order in the lists.
         let (up, down) = (r#"["joint_1", "joint_2"]"#, r#"["joint_2", "joint_1"]"#);
         assert_eq!(joints_of(up, down).unwrap().unwrap().tau, [1, 0]);
         assert_eq!(joints_of(down, down).unwrap().unwrap().names, ["joint_2", "joint_1"]);

@@ -1,15 +1,16 @@
-//! Touches as Parquet: the data sets of LeRobot, and tables whose columns are called as in CSV.
+//! Touches as Parquet: data sets of LeRobot, and tables with the column names of CSV.
 //!
-//! | what      | lists, as LeRobot has them                            | or a column a joint |
+//! | what      | lists, as in LeRobot                                  | or a column per joint |
 //! |-----------|-------------------------------------------------------|---------------------|
 //! | positions | `observation.state`                                   | as in CSV           |
 //! | torques   | `observation.effort`, `.efforts`, `.torque`, `.torques` | as in CSV           |
 //! | time, s   | `timestamp`                                           | as in CSV           |
 //! | touch     | `episode_index`                                       | as in CSV           |
 //!
-//! A log is a file, a folder of them, or a data set with its files in `data/`, read in natural
-//! order. An episode is a touch; without that column, a file is. The joints of lists are those that
-//! the data set names in `meta/info.json`; without names, their order is believed. Only the columns that are needed are read, a batch of rows at a time.
+//! A log is a file, a folder of files, or a data set with its files in `data/`, read in natural
+//! order. An episode is a touch; without that column, each file is one. The joints of lists are
+//! named by `meta/info.json`; without names, their order is assumed to be that of the robot. Only
+//! the needed columns are read, a batch of rows at a time.
 
 mod lerobot;
 mod sizes;
@@ -36,9 +37,9 @@ use crate::{input, panics};
 const STATES: &[&str] = &["observation.state", "observation.position", "observation.positions"];
 const EFFORTS: &[&str] =
     &["observation.effort", "observation.efforts", "observation.torque", "observation.torques"];
-/// Bytes of the longest name of a touch.
+/// Largest length of the name of a touch, bytes.
 const LONGEST_NAME: usize = 4096;
-/// What the error of unclear columns shows.
+/// Example of a column map in the error message for missing or ambiguous columns.
 const EXAMPLE: &str = ": columns = { q = [\"observation.state\"], tau = [\"observation.effort\"], \
                        time = \"timestamp\", touch = \"episode_index\" }";
 
@@ -47,13 +48,13 @@ pub(super) struct ParquetFile {
     path: PathBuf,
     header: Vec<String>,
     columns: Columns,
-    /// Where the columns of the file are in a row that is read; those left out are nowhere.
+    /// Index in a row that is read of each column of the file; `None` for columns that are not read.
     in_row: Vec<Option<usize>>,
     reader: RowIter<'static>,
     rows: u64,
     row: u64,
     joints: Option<usize>,
-    /// Of lists, the joints that the data set names.
+    /// For lists: the joints that the data set names.
     named: Option<lerobot::Joints>,
 }
 
@@ -162,7 +163,7 @@ impl ParquetFile {
         row.get_column_iter().nth(place).map(|(_, field)| field)
     }
 
-    /// The numbers of some columns, each of which may hold a list.
+    /// The numbers of some columns, each of which may contain a number or a list.
     fn numbers(&self, row: &Row, places: &[usize]) -> Result<Vec<f64>, TableError> {
         let mut numbers = Vec::new();
         for &place in places {
@@ -184,7 +185,7 @@ impl ParquetFile {
         Ok(numbers)
     }
 
-    /// Those of a list that are at some places.
+    /// The elements of a list at some indices; `column` is for the error message.
     fn chosen(
         &self,
         list: &[f64],
@@ -220,8 +221,8 @@ impl ParquetFile {
     }
 }
 
-/// The first group of rows of which the wanted columns, or a page of them, unpack to more than memory
-/// may hold, if there is one.
+/// The first row group whose wanted columns exceed [`input::largest`] when uncompressed, if there is
+/// one. The size of a column is the larger of its declared size and that of its largest page.
 fn too_large(
     file: &mut File,
     reader: &SerializedFileReader<File>,
@@ -245,7 +246,7 @@ fn too_large(
     Ok(None)
 }
 
-/// Work of the library, which panics where sizes or pages contradict each other.
+/// Runs `work` of the library and turns a panic, where sizes or pages contradict each other, into an error.
 fn unbroken<T>(
     path: &Path,
     work: impl FnOnce() -> Result<T, ParquetError>,
@@ -263,8 +264,8 @@ fn broken(path: &Path, error: &ParquetError) -> TableError {
     }
 }
 
-/// The columns that are named, those of LeRobot, or those that are called as in CSV. An error is
-/// half a sentence for the user.
+/// The columns in the options, those of LeRobot, or those with the names of CSV. The error is the end
+/// of a message to the user.
 fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
     let first =
         |names: &[&str]| names.iter().find_map(|name| header.iter().position(|held| held == name));

@@ -1,28 +1,28 @@
-//! What a Parquet file says of its sizes, looked at before the library believes it.
+//! Checks the sizes that a Parquet file declares before the library uses them.
 //!
-//! Footer and headers of pages are structs of [Thrift's compact protocol]. The library skips what it
-//! does not know without asking whether as many elements fit into the bytes that are left, and it
-//! allocates as much for a page as its header says.
+//! Footer and headers of pages are structs of [Thrift's compact protocol]. The library skips unknown
+//! fields without checking that their elements fit into the remaining bytes, and it allocates the
+//! size that the header of a page declares.
 //!
 //! [Thrift's compact protocol]: https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md
 
 use std::fs::File;
 use std::io::{self, BufReader, ErrorKind, Read, Seek, SeekFrom};
 
-/// Structs in structs, at most: as the library has it.
+/// Deepest nesting of structs, as in the library.
 const DEPTH: u32 = 64;
-/// Bytes that are read at once of a page's header.
+/// Size of the read buffer for the header of a page, bytes.
 const HEADER: usize = 512;
 
-/// What the fields of a struct are called by number: sizes of a page, unpacked and packed.
+/// Field numbers in the header of a page: uncompressed size and compressed size.
 const UNPACKED: usize = 2;
 const PACKED: usize = 3;
 
-/// Reads the footer as a stranger would: every element takes at least a byte.
+/// Parses the footer only to check it: every element of a list must take at least one byte.
 ///
 /// # Errors
 ///
-/// If it is cut short or contradicts itself, or the file cannot be read.
+/// If the footer is truncated or inconsistent, or the file cannot be read.
 pub(super) fn check_footer(file: &mut File) -> io::Result<()> {
     let end = file.seek(SeekFrom::End(0))?;
     let tail = end.checked_sub(8).ok_or(ErrorKind::UnexpectedEof)?;
@@ -34,12 +34,12 @@ pub(super) fn check_footer(file: &mut File) -> io::Result<()> {
     Walker { bytes: BufReader::new(file), left: length }.structure(DEPTH).map(drop)
 }
 
-/// The largest number of bytes that a page of a column takes, unpacked. The column's pages begin at
-/// `start` in the file and have `length` bytes in all.
+/// Uncompressed size of the largest page of a column, bytes. The column's pages begin at `start` in
+/// the file and have `length` bytes in all.
 ///
 /// # Errors
 ///
-/// If a header contradicts itself, or the file cannot be read.
+/// If a header is inconsistent, or the file cannot be read.
 pub(super) fn largest_page(file: &mut File, start: u64, length: u64) -> io::Result<u64> {
     let end = start.checked_add(length).ok_or_else(|| broken("a column ends nowhere"))?;
     let (mut at, mut largest) = (start, 0);
@@ -62,15 +62,15 @@ fn broken(what: &str) -> io::Error {
     io::Error::new(ErrorKind::InvalidData, what.to_owned())
 }
 
-/// Walks over a struct, of which it keeps only some numbers.
+/// Parser that skips over Thrift structs and returns only some of their numbers.
 struct Walker<R> {
     bytes: R,
-    /// How many it may still take.
+    /// Number of bytes that may still be read.
     left: u64,
 }
 
 impl<R: Read> Walker<R> {
-    /// Walks over a struct; returns its fields 0 to 3, where they are small integers.
+    /// Skips a struct; returns its fields 0 to 3 where they are 32-bit integers, else 0.
     fn structure(&mut self, depth: u32) -> io::Result<[i64; 4]> {
         let depth = depth.checked_sub(1).ok_or_else(|| broken("structs are nested too deep"))?;
         let (mut numbers, mut field) = ([0; 4], 0_i64);
@@ -85,7 +85,7 @@ impl<R: Read> Walker<R> {
                 step => field.saturating_add(step.into()),
             };
             match kind {
-                1 | 2 => {} // a flag is its own value
+                1 | 2 => {} // the kind of a flag is its value
                 5 => {
                     let number = self.integer()?;
                     let place = usize::try_from(field).ok();
@@ -98,7 +98,7 @@ impl<R: Read> Walker<R> {
         }
     }
 
-    /// Walks over a value that is no flag.
+    /// Skips a value that is not a flag.
     fn value(&mut self, kind: u8, depth: u32) -> io::Result<()> {
         match kind {
             3 => self.skip(1),
@@ -132,8 +132,8 @@ impl<R: Read> Walker<R> {
         }
     }
 
-    /// Walks over the elements of a collection. Flags are refused: Parquet has no lists of them, and
-    /// the library takes no byte for one.
+    /// Skips the elements of a collection. Flags are refused: Parquet has no lists of them, and the
+    /// library reads no byte for a flag.
     fn values(&mut self, count: u64, kind: u8, depth: u32) -> io::Result<()> {
         let depth = depth.checked_sub(1).ok_or_else(|| broken("lists are nested too deep"))?;
         if count > 0 && kind <= 2 {
@@ -161,7 +161,7 @@ impl<R: Read> Walker<R> {
         Err(broken("a number of more than 64 bits"))
     }
 
-    /// A number whose sign is its last bit.
+    /// A zigzag-encoded integer: its sign is the lowest bit.
     fn integer(&mut self) -> io::Result<i64> {
         let number = self.varint()?;
         Ok((number >> 1) as i64 ^ -((number & 1) as i64))

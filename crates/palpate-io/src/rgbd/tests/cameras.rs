@@ -77,7 +77,7 @@ fn complaint(text: &str) -> String {
 fn the_same_camera_comes_out_of_every_file() {
     let wanted = camera(OURS).unwrap();
     let pose = wanted.world_from_camera.unwrap();
-    // It looks along x of the world, from (0.5, 0.25, 1.5).
+    // The camera looks along x of the world, from (0.5, 0.25, 1.5).
     assert!((pose * Point3::new(0.0, 0.0, 2.0) - Point3::new(2.5, 0.25, 1.5)).norm() < 1e-12);
     for text in [OURS_WITH_K, OPEN3D] {
         let found = camera(text).unwrap();

@@ -1,4 +1,4 @@
-//! Pictures of every kind, and the way from their pixels to points.
+//! Images of every format, and the conversion of their pixels to points.
 
 use super::super::image_files::{decode_colour, decode_depth};
 use super::super::*;
@@ -9,7 +9,7 @@ use tiff::encoder::{TiffEncoder, colortype};
 
 const JPEG: &[u8] = include_bytes!("../../../testdata/open3d/halves.jpg");
 
-/// A PNG of one row, its samples as they are stored.
+/// A PNG of one row, from its encoded samples.
 fn png(width: u32, colour: png::ColorType, bits: png::BitDepth, samples: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, width, 1);
@@ -95,7 +95,7 @@ fn black(width: u32, height: u32) -> ColourImage {
     ColourImage::new(width, height, vec![[0; 3]; (width * height) as usize])
 }
 
-/// A camera of the given size that stands in the origin of the world and looks along its z.
+/// A camera of the given size at the origin of the world that looks along z.
 fn ahead(width: u32, height: u32) -> Camera {
     let centre = [f64::from(width) / 2.0, f64::from(height) / 2.0];
     let focal = [f64::from(width); 2];
@@ -145,7 +145,7 @@ fn pictures_that_give_no_point_are_refused_with_a_remedy() {
     assert!(refused(&flat(1.0), &black(4, 4), &ahead(4, 4), &far).contains("widen the depth"));
 }
 
-/// Cameras with lenses that bend a little, anywhere, turned any way.
+/// Cameras with slightly distorting lenses and random poses.
 fn cameras() -> impl Strategy<Value = Camera> {
     let lens = (-0.2f64..0.2, -0.1f64..0.1, -0.002f64..0.002, -0.002f64..0.002);
     let pose = (prop::array::uniform3(-3.0f64..3.0), prop::array::uniform3(-1.8f64..1.8));

@@ -1,16 +1,17 @@
-//! Samples as rows of the regression: for each joint the torque that its motor gives, and what that is made of.
+//! Samples as rows of the regression: for each joint, the motor torque and the regressors that explain it.
 //!
-//! A row of joint j holds, in this order,
+//! A row of joint j contains, in this order,
 //!
 //! ```text
 //! [ Y_j (10 · n_bodies) | −dτ/dt | coulomb asymmetry breakaway viscous rotor | 1 cos q sin q | slopes | offset, drift by touch | τ ]
 //! ```
 //!
-//! The slopes are what friction changes by with its presliding distance and with the speed at which breakaway is over:
-//! both are searched for, so what is left of them is small, but what is not known of them is in the standard deviations.
+//! The slopes are the changes of friction with the presliding distance and with the Stribeck speed. Both are found by
+//! search, so the coefficients of the slopes are small; they are there to add the uncertainty of both to the standard
+//! deviations.
 //!
-//! Rows are summed up as products with themselves, by joint and by fold, which is all that the posterior needs. The search
-//! for how friction turns round needs the rows themselves: it is in `turning`.
+//! The posterior needs only the Gram matrix of the rows, by joint and by fold. The search for friction at reversals
+//! (`turning`) needs the rows themselves.
 
 mod turning;
 
@@ -29,54 +30,53 @@ use super::IdentifyError;
 use super::posterior::Posterior;
 use super::touched::Touched;
 
-/// Rows at most, of each joint.
+/// About the most rows of each joint; with more samples, a row is the mean of several.
 const MOST_ROWS: usize = 4_000;
 /// Folds of held-out motion.
 pub(super) const FOLDS: usize = 4;
-/// Touches that have an offset and a drift of their own; more share the last one's.
+/// Most offsets and drifts by touch; all further touches share the last ones.
 const MOST_OFFSETS: usize = 12;
-/// Rates of other logs of an arm, as a part of those that it is identified on, at which its time window still gives
-/// speeds.
+/// Sampling rate of later logs, relative to that of these logs, at which the time window must still give speeds.
 const SLOWER: f64 = 0.75;
-/// Where friction is less known than this, a row of that joint is left out.
+/// Largest uncertainty of the friction state ([`FrictionState::unknown`]) at which a row of the joint is used.
 const MOST_UNKNOWN: f64 = 0.1;
 /// Coefficients of friction and drive: coulomb, asymmetry, breakaway, viscous, rotor.
 pub(super) const FRICTION: usize = 5;
 /// Coefficients of the bias: constant, cosine, sine.
 pub(super) const BIAS: usize = 3;
-/// Slopes of friction: with presliding distance, with the speed of breakaway.
+/// Slopes of friction: with the presliding distance, with the Stribeck speed.
 pub(super) const SLOPES: usize = 2;
-/// The slopes' steps, in parts.
+/// Relative step of the finite differences that give the slopes.
 const SLOPE_STEP: f64 = 0.25;
 
-/// What the rows are computed with.
+/// Settings with which rows are computed.
 #[derive(Debug, Clone)]
 pub(super) struct RegressionSettings {
     pub(super) window_s: f64,
     pub(super) delay_s: f64,
-    /// By joint, rad and rad/s.
+    /// By joint.
     pub(super) turning: Vec<Turning>,
-    /// Samples that are left out.
+    /// Samples that are left out of the regression.
     pub(super) touched: Touched,
 }
 
-/// One moment of a touch.
+/// One moment of a touch: the rows of all joints.
 struct Row {
     fold: usize,
     touch: usize,
     samples: Range<usize>,
-    /// Whether it is left out.
+    /// Whether the row is left out.
     is_touched: bool,
-    /// Time of the motion, s.
+    /// Time of the motion, s: that of the torque minus the delay.
     time_s: f64,
-    /// How far the touch has gone, −0.5 to 0.5.
+    /// Time within the touch, from −0.5 (start) to 0.5 (end).
     part: f64,
     motion: Motion,
     /// Y, n_joints × (10 · n_bodies).
     regressor: DMatrix<f64>,
-    /// States of friction with a presliding distance that is a step longer.
+    /// Friction states with a presliding distance that is longer by [`SLOPE_STEP`].
     longer: Vec<f64>,
-    /// Motors' torques as logged, n_joints, and their change, per second.
+    /// Logged torques with the sign of motor torques, n_joints, and their time derivatives, per second.
     torque: Vec<f64>,
     change: Vec<f64>,
 }
@@ -86,7 +86,7 @@ impl Row {
         self.motion.unknown[j] <= MOST_UNKNOWN
     }
 
-    /// Whether any of its samples is among these.
+    /// Whether any sample of this row is in `touched`.
     fn is_in(&self, touched: &Touched) -> bool {
         touched[self.touch][self.samples.clone()].contains(&true)
     }
@@ -95,7 +95,7 @@ impl Row {
 /// All rows.
 pub(super) struct Rows {
     rows: Vec<Row>,
-    /// Positions and states of friction of each touch.
+    /// Positions and friction states of each touch.
     motions: Vec<TouchMotion>,
     n_joints: usize,
     pub(super) n_parameters: usize,
@@ -107,20 +107,20 @@ pub(super) struct Rows {
     sums: Vec<Vec<Sum>>,
 }
 
-/// Rows of a joint, summed up.
+/// Number and Gram matrix of rows of a joint.
 #[derive(Debug, Clone)]
 pub(super) struct Sum {
     pub(super) rows: f64,
     pub(super) gram: DMatrix<f64>,
 }
 
-/// How touches become rows.
+/// Computes rows from touches.
 struct Reading<'a> {
     robot: &'a Robot,
     settings: &'a RegressionSettings,
     sign: TorqueSign,
     timed: bool,
-    /// Samples of a row.
+    /// Samples that are averaged in a row.
     stride: usize,
     touches: usize,
 }
@@ -218,7 +218,7 @@ impl Rows {
         Ok(all)
     }
 
-    /// Leaves out the rows of these samples, and no others.
+    /// Leaves out the rows that contain these samples, and uses all others.
     pub(super) fn leave_out(&mut self, touched: &Touched) {
         for row in &mut self.rows {
             row.is_touched = row.is_in(touched);
@@ -237,12 +237,12 @@ impl Rows {
         if self.timed && steps > 0 { span / steps as f64 } else { 0.0 }
     }
 
-    /// Whether speeds can be determined from windows of twice this, s, in logs of [`SLOWER`] rates as well.
+    /// Whether this half window, s, gives speeds, also at [`SLOWER`] times the sampling rate.
     pub(super) fn is_timed(&self, window_s: f64) -> bool {
         self.motions.iter().all(|motion| motion.is_timed(SLOWER * window_s))
     }
 
-    /// Numbers in a row, τ among them.
+    /// Length of a row, including τ.
     pub(super) fn width(&self) -> usize {
         self.n_parameters + 1 + FRICTION + BIAS + SLOPES + 2 * self.offsets + 1
     }
@@ -285,8 +285,8 @@ impl Rows {
         numbers
     }
 
-    /// The rows that say something of a joint: those in which its friction is known, if there are any; none if nothing
-    /// measures its torque.
+    /// The rows that are used for a joint: those in which its friction state is known, or all if it is known in none;
+    /// no rows if its torque is not measured.
     fn of_joint(&self, j: usize) -> impl Iterator<Item = &Row> {
         let is_known = move |row: &Row| row.knows_friction(j);
         let any = self.rows.iter().any(is_known);
@@ -333,8 +333,8 @@ impl Rows {
             .collect()
     }
 
-    /// How many rows that follow each other say the same, by joint: `1 + 2 Σ ρ_k` of the residuals, summed as far
-    /// as the correlations ρ_k are positive (Sokal 1997).
+    /// Autocorrelation time of the residuals, in rows, by joint: `1 + 2 Σ ρ_k`, summed until a correlation ρ_k is below
+    /// 0.05 (Sokal 1997). n rows count as n divided by it.
     pub(super) fn correlated(&self, posterior: &Posterior) -> Vec<f64> {
         (0..self.n_joints)
             .map(|j| {
@@ -360,17 +360,17 @@ impl Rows {
             .collect()
     }
 
-    /// How many rows there are, those that are left out among them.
+    /// Number of rows, including those that are left out.
     pub(super) fn len(&self) -> usize {
         self.rows.len()
     }
 
-    /// The touch of a row, and its samples there.
+    /// The touch of a row, and the row's samples in it.
     pub(super) fn samples(&self, row: usize) -> (usize, Range<usize>) {
         (self.rows[row].touch, self.rows[row].samples.clone())
     }
 
-    /// Residual of a model for a joint in each row, as logged; `None` where its friction or its torque is not known.
+    /// Residual of a joint in each row, in logged units; `None` where its friction state or its torque is not known.
     fn residuals(&self, posterior: &Posterior, j: usize) -> Vec<Option<f64>> {
         let coefficients = posterior.row_coefficients(j);
         let is_measured = self.is_measured(j);
@@ -381,7 +381,8 @@ impl Rows {
         self.rows.iter().map(left).collect()
     }
 
-    /// Sum of squared residuals of models for a joint in the folds that they do not know, but for some samples.
+    /// Sum of squared residuals of a joint, each fold under the model that did not learn it; samples in `but` are not
+    /// counted.
     pub(super) fn held_out(&self, models: &[Option<Posterior>], j: usize, but: &Touched) -> f64 {
         let of_fold = |(fold, model): (usize, &Option<Posterior>)| {
             let Some(model) = model else { return 0.0 };
@@ -393,12 +394,12 @@ impl Rows {
         models.iter().enumerate().map(of_fold).sum()
     }
 
-    /// No sample of any touch.
+    /// A mask of no samples.
     pub(super) fn no_samples(&self) -> Touched {
         self.motions.iter().map(|motion| vec![false; motion.times_s().len()]).collect()
     }
 
-    /// Mean residuals of a model for a joint, over windows of `2 · half_s` around each row.
+    /// Residuals of a joint, averaged over windows of `2 · half_s` around each row.
     pub(super) fn mean_residuals(
         &self,
         posterior: &Posterior,
@@ -429,7 +430,8 @@ impl Rows {
     }
 }
 
-/// The fold of a moment: whole touches, or parts of them if there are fewer than three.
+/// The fold of a moment (`part` is the time in the touch, −0.5 to 0.5): folds are whole touches, or quarters of each
+/// touch if there are fewer than three.
 pub(super) fn fold(touches: usize, touch: usize, part: f64) -> usize {
     if touches >= 3 {
         touch % FOLDS

@@ -1,5 +1,5 @@
-//! How friction turns round: the presliding distance, and the speed at which breakaway is over, that explain most of
-//! the residual of the rest of the model.
+//! Friction at reversals of a joint: the presliding distance and the Stribeck speed, at which breakaway has fallen to
+//! 1/e. Both are chosen so that friction explains most of the residual of the rest of the model.
 
 use palpate::JointFriction;
 use rayon::prelude::*;
@@ -7,13 +7,13 @@ use rayon::prelude::*;
 use super::{BIAS, FRICTION, MOST_UNKNOWN, Row, Rows, SLOPES};
 use crate::identify::posterior::Posterior;
 
-/// Presliding distances that are tried, rad, and speeds at which breakaway is over, rad/s.
+/// Presliding distances, rad, and Stribeck speeds, rad/s, that are tried.
 const PRESLIDING: [f64; 10] = [0.0, 2e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2];
 const STRIBECK: [f64; 5] = [0.01, 0.017, 0.03, 0.05, 0.1];
-/// Presliding distances near the one that was found last, in parts of it.
+/// Factors of the presliding distance found last, which are tried too.
 const NEAR: [f64; 6] = [0.7, 0.85, 0.95, 1.05, 1.2, 1.4];
 
-/// How the friction of a joint turns round.
+/// Friction of a joint at reversals: presliding distance, rad, and Stribeck speed, rad/s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::identify) struct Turning {
     pub(in crate::identify) presliding: f64,
@@ -21,7 +21,7 @@ pub(in crate::identify) struct Turning {
 }
 
 impl Turning {
-    /// Whether the presliding distances are the same, but for what the search tries next to one.
+    /// Whether the presliding distances differ by at most a factor of 1.5, or are both tiny.
     pub(in crate::identify) fn is_near(&self, other: &Self) -> bool {
         let [least, most] = [f64::min, f64::max].map(|of| of(self.presliding, other.presliding));
         most <= 1.5 * least || most <= PRESLIDING[2]
@@ -29,13 +29,13 @@ impl Turning {
 }
 
 impl Rows {
-    /// How the friction of each joint turns round, as explains most of the residual of the rest of the model.
+    /// Presliding distance and Stribeck speed of each joint that explain most of the residual of the rest of the model.
     pub(in crate::identify) fn best_turning(&self, posterior: &Posterior) -> Vec<Turning> {
         (0..self.n_joints)
             .into_par_iter()
             .map(|j| {
                 let mut coefficients = posterior.row_coefficients(j);
-                // All but friction.
+                // The residual without Coulomb friction, asymmetry, breakaway and the slopes.
                 coefficients.rows_mut(self.n_parameters + 1, 3).fill(0.0);
                 let slopes = self.n_parameters + 1 + FRICTION + BIAS;
                 coefficients.rows_mut(slopes, SLOPES).fill(0.0);
@@ -60,7 +60,7 @@ impl Rows {
             .collect()
     }
 
-    /// States of friction at rows, with another presliding distance; `None` where it is not known.
+    /// Friction states at rows, for this presliding distance; `None` where the state is not known.
     fn states(&self, rows: &[(&Row, f64)], j: usize, presliding: f64) -> Vec<Option<f64>> {
         let states: Vec<_> =
             self.motions.iter().map(|motion| motion.friction_of(j, presliding)).collect();
@@ -72,7 +72,7 @@ impl Rows {
         rows.iter().map(|(row, _)| at(row)).collect()
     }
 
-    /// Mean squared residual after Coulomb friction in these states, its asymmetry and breakaway.
+    /// Mean squared residual after a fit of Coulomb friction, asymmetry and breakaway in these states.
     fn cost(
         &self,
         left: &[(&Row, f64)],

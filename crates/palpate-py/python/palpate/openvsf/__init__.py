@@ -1,4 +1,4 @@
-"""Fields, data sets and configurations of OpenVSF (`openvsf`, imported as `vsf`), both ways.
+"""Fields, data sets and configurations of OpenVSF (`openvsf`, imported as `vsf`).
 
 Files are read and written without OpenVSF and torch; only `to_point_vsf` imports them. A
 configuration in YAML needs PyYAML: `pip install 'palpate[openvsf]'`.

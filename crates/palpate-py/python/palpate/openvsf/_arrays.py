@@ -1,14 +1,14 @@
-"""The arrays of OpenVSF's files, read without running anything that they hold.
+"""Reads the arrays of OpenVSF's files, without executing code from their pickles.
 
 | array             | shape | type    | meaning                                             |
 |-------------------|-------|---------|-----------------------------------------------------|
 | `points`          | N x 3 | f4, f8  | rest points, m                                      |
 | `K`               | N     | f4, f8  | stiffness, N/m                                      |
-| `axis_mode`       |       | text    | `isotropic` for all that palpate has a spring for   |
-| `features`        |       | pickle  | dict of arrays: `K_std`, `N_obs`, and others' own   |
+| `axis_mode`       |       | text    | `isotropic`: palpate supports no other              |
+| `features`        |       | pickle  | dict of arrays: `K_std`, `N_obs`, and others        |
 
-In a folder each is a `.npy`, the features beside the others; an `.npz` has the features as a pickled
-dict. Of a pickle only what arrays are made of is followed. What springs mean is not decided here.
+In a folder, each array and each feature is a `.npy` file; an `.npz` file has the features as a pickled
+dict. Of a pickle, only the calls that create arrays are allowed. Values are not interpreted here.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from numpy.typing import NDArray
 from .._palpate import FileError
 
 MAX_BYTES = 2 << 30
-"""What an array may unpack to; as much as palpate reads of any field."""
+"""Largest size of an unpacked array, bytes; the limit is that of palpate's own fields."""
 
 STATED = ("K_std", "K_var", "N_obs")
-"""The features that say something of a spring."""
+"""The features of a spring that are read."""
 
 _CORE = "numpy._core" if int(np.__version__.split(".")[0]) >= 2 else "numpy.core"
-"""What NumPy calls its core; pickles of one version are read by the other."""
+"""Name of NumPy's core module; pickles of one version are readable by the other."""
 
 _ARRAYS_ARE_MADE_OF = {
     ("numpy.core.multiarray", "_reconstruct"),
@@ -50,7 +50,7 @@ _ARRAYS_ARE_MADE_OF = {
 
 @dataclass(frozen=True)
 class Arrays:
-    """What a file says: `points` (N, 3) m, `stiffness` (N,) N/m, and of `features` those known."""
+    """Content of a file: `points` (N, 3) m, `stiffness` (N,) N/m, and the `features` in `STATED`."""
 
     points: NDArray[np.float64]
     stiffness: NDArray[np.float64]
@@ -68,7 +68,7 @@ def read(path: Path) -> Arrays:
 
 @contextmanager
 def _file_errors(path: Path) -> Iterator[None]:
-    """Defects that Python finds, as errors that name the file."""
+    """Converts Python's errors to a FileError that names the file."""
     try:
         yield
     except FileNotFoundError as error:
@@ -82,7 +82,7 @@ def _file_errors(path: Path) -> Iterator[None]:
 
 
 def has_settings(path: Path) -> bool:
-    """Whether an npz file is palpate's own as well."""
+    """Whether an npz file is also a field of palpate."""
     with _file_errors(path), zipfile.ZipFile(path) as archive:
         return "palpate.npy" in archive.namelist()
 
@@ -121,9 +121,9 @@ def _of_archive(path: Path, archive: zipfile.ZipFile) -> Arrays:
 
 
 def checked(what: str, points: Any, stiffness: Any, mode: Any, features: dict[str, Any]) -> Arrays:
-    """All arrays as numbers of one length; `mode` is the axis mode, None if it is not said.
+    """Checks and converts arrays to float64 of one length; `mode` is the axis mode, None if unknown.
 
-    Raises FileError, which begins with `what`.
+    Raises FileError, whose message begins with `what`.
     """
     shape = np.shape(stiffness)
     if (mode is not None and str(mode) != "isotropic") or shape[1:] not in [(), (1,)]:
@@ -166,7 +166,7 @@ def _numbers(what: str, name: str, array: Any) -> NDArray[np.float64]:
 def _array(
     stream: IO[bytes], size: int, what: str, unpickled: Callable[[IO[bytes], str], Any] | None = None
 ) -> Any:
-    """The array of a stream of `size` bytes, refused before a byte is read if it cannot be one."""
+    """Reads an array from a stream of `size` bytes; a header that does not fit is refused before data is read."""
     try:
         version = npy.read_magic(stream)
         header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
@@ -188,13 +188,13 @@ def _array(
     data = stream.read(needed)
     if len(data) < needed:
         raise FileError(f"{what} breaks off after {len(data)} of {needed} bytes")
-    if stream.read(1):  # to the end, where a zip has its checksum
+    if stream.read(1):  # reading to the end also checks the checksum of a zip member
         raise FileError(f"{what} is longer than its shape {shape} of {dtype}")
     return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C")
 
 
 class _ArraysOnly(pickle.Unpickler):
-    """Follows a pickle as far as it makes arrays."""
+    """Unpickles arrays; refuses all other calls."""
 
     def find_class(self, module: str, name: str) -> Any:
         plain = module.replace("numpy._core.", "numpy.core.")
@@ -204,7 +204,7 @@ class _ArraysOnly(pickle.Unpickler):
 
 
 def _dict(stream: IO[bytes], what: str) -> dict[str, Any]:
-    """The dict that a pickled array of no dimensions holds."""
+    """Reads the dict in a pickled array of no dimensions."""
     data = stream.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
         raise FileError(f"{what} unpacks to more than {MAX_BYTES} bytes")

@@ -1,4 +1,4 @@
-"""What a configuration of OpenVSF says, in palpate's words.
+"""Converts a configuration of OpenVSF to palpate's settings.
 
 | OpenVSF                                  | palpate                                              |
 |------------------------------------------|------------------------------------------------------|
@@ -10,9 +10,9 @@
 | `bbox`, `voxel_size`, or the points      | `lattice`                                            |
 | `estimator`: `optimizer`                 | `estimator.estimator`, `map` or `ekf`                |
 | `num_replay_update`, `max_buffer_length` | `replays`, `memory_frames`                           |
-| `prior`: `mu`, `var`                     | `prior_mean`, `prior_std`, there of a cell of 1 cm   |
+| `prior`: `mu`, `var`                     | `prior_mean`, `prior_std`, converted to a cell of 1 cm |
 
-Only what the file says is carried over; what it leaves out stays as palpate ships it.
+Keys that the file leaves out keep palpate's defaults.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _METHODS = {
     "dense_ekf": ("map", "there is no filter with full covariances; `map` is the exact optimum"),
     "diag_ekf": ("ekf", None),
 }
-"""The estimator for an optimizer, and what is noted of it."""
+"""The estimator for each optimizer, and a note about it, if any."""
 
 _SECTIONS = ("world", "simulator", "sensors", "calibrators", "dataset", "estimator", "prior")
 _SEQUENCES = ("train_sequences", "test_sequences")
@@ -51,7 +51,7 @@ _DATASET = ("type", "path", "keys", "cache", "sensor_keys", "control_keys")
 
 @dataclass(frozen=True)
 class Configuration:
-    """What `read_config` found."""
+    """Result of `read_config`."""
 
     path: Path
     """The file."""
@@ -64,7 +64,7 @@ class Configuration:
     test: Touches | None
     """The touches of `test_sequences`, None if it names none."""
     notes: tuple[str, ...]
-    """What has no counterpart, or one that is not the same: one sentence each."""
+    """Keys without a counterpart in palpate, or with a different one: one sentence each."""
 
 
 def read_config(
@@ -76,11 +76,11 @@ def read_config(
 ) -> Configuration:
     """Reads a configuration of OpenVSF, YAML (with PyYAML) or JSON, with the files that it includes.
 
-    The file may also hold a data set's section alone, or no more than its keys. `data_dir` is the
-    data set's folder, as OpenVSF's `--data_dir`; `dataset.path` if left out, from the working
-    directory or else beside the file. `robot` and `lattice` go before what the file says of them.
+    The file may also contain only the section of a data set, or only its keys. `data_dir` is the
+    data set's folder, as OpenVSF's `--data_dir`; if left out, `dataset.path`, relative to the working
+    directory or else to the file. `robot` and `lattice` override those of the file.
 
-    Raises FileError, which names the file and the key, for what cannot be understood; LogError and
+    Raises FileError, which names the file and the key, for invalid keys and values; LogError and
     SettingsError for a data set and values that palpate refuses; ValueError if there is no data set.
     """
     return _Reading(Path(path)).configuration(data_dir, robot, lattice)
@@ -88,11 +88,11 @@ def read_config(
 
 @dataclass
 class _Reading:
-    """A configuration while it is read."""
+    """State while a configuration is read."""
 
     path: Path
     settings: defaultdict[str, dict[str, Any]] = field(default_factory=lambda: defaultdict(dict))
-    """By section; None where the file says nothing."""
+    """Settings by section; None for keys that the file leaves out."""
     notes: list[str] = field(default_factory=list)
 
     def configuration(
@@ -116,7 +116,7 @@ class _Reading:
             settings: dict[str, Mapping[str, Any] | Lattice] = {**given_settings(self.settings)}
             if lattice is not None:
                 settings["lattice"] = lattice
-            Mapper(arm, settings=settings)  # which checks the range of every value
+            Mapper(arm, settings=settings)  # checks the range of every value
         except SettingsError as error:
             raise SettingsError(f"`{self.path}`, as settings of palpate: {error}") from None
 
@@ -127,7 +127,7 @@ class _Reading:
         return Configuration(self.path, arm, settings, learnt, tested, tuple(self.notes))
 
     def top(self) -> Section:
-        """The file's sections; one of a data set alone, or its keys, counts as `dataset`."""
+        """The file's sections; a data set's section or keys alone are taken as `dataset`."""
         held = _include.read(self.path)
         if isinstance(held, dict) and not set(held) & {*_SECTIONS, *_SEQUENCES}:
             alone = bool(set(held) & set(_DATASET))
@@ -135,7 +135,7 @@ class _Reading:
         return Section(self.path, "", held)
 
     def ignored(self, section: Section, *keys: str) -> None:
-        """Notes which of `keys` are given, though they say nothing to palpate."""
+        """Adds a note for each of `keys` that is given, since palpate ignores it."""
         for key in keys:
             if section.value(key) is not None:
                 self.notes.append(f"`{section.named(key)}` has no counterpart and is ignored.")
@@ -143,7 +143,7 @@ class _Reading:
     def robot(
         self, world: Section, controlled: list[str], given: Robot | _Path | None
     ) -> tuple[str | None, Robot]:
-        """The name in the world of the arm that the data set moves, and the arm."""
+        """The arm that moves in the data set: its name in the world, and the robot."""
         files: dict[str, str] = {}
         others: dict[str, str | None] = {}
         for name, thing in world.sections():
@@ -175,7 +175,7 @@ class _Reading:
         return given if isinstance(given, Robot) else Robot(given)
 
     def found(self, name: str, missing: FileError) -> Path:
-        """A file or folder from the working directory, where OpenVSF looks, or beside the file."""
+        """A file or folder relative to the working directory, as in OpenVSF, or relative to the configuration."""
         for place in (Path(name), self.path.parent / name):
             if place.exists():
                 return place
@@ -204,7 +204,7 @@ class _Reading:
         return named[0] if named else None
 
     def links(self, sensor: Section, links: list[str], arm: Robot) -> None:
-        """The torques must be those of all joints, from base to tip."""
+        """Checks that the torques are those of all joints, from base to tip."""
         unknown = [link for link in links if link not in arm.link_names]
         order = [arm.link_names.index(link) for link in links if link not in unknown]
         if links and (unknown or len(links) != arm.n_joints or order != sorted(order)):
@@ -215,7 +215,7 @@ class _Reading:
             )
 
     def simulator(self, simulator: Section, given: Lattice | None) -> Lattice | None:
-        """The contact settings, and the lattice that the points of the field make."""
+        """Reads the contact settings, and the lattice of the field's points."""
         self.ignored(simulator, "world_pcd_samples", "world_sdf_resolution")
         if simulator.text("type") not in (None, "quasistatic"):
             raise simulator.error("type", "is not `quasistatic`, as palpate is")
@@ -250,7 +250,7 @@ class _Reading:
             contact["contact_distance_m"] = sum(0.003 if one is None else one for one in paddings)
 
     def points(self, model: Section, pose: Any, *, read: bool) -> Lattice | None:
-        """The lattice of a model's points in the frame of the robot, None if it determines none."""
+        """The lattice of a model's points in the frame of the robot; None if the model determines none."""
         way, path = model.text("init_method") or "file", model.text("path")
         config = model.section("point_vsf_config")
         model.done("neural_vsf_config", "factory_config", "rgbd_factory_config")
@@ -277,7 +277,7 @@ class _Reading:
         return lattice
 
     def box(self, config: Section, corners: Any, pose: Any) -> tuple[list[float], list[float]]:
-        """Low and high corner, in the frame of the robot, of the box that holds a posed one."""
+        """Low and high corner, in the frame of the robot, of the bounding box of a box with a pose."""
         try:
             box = np.array(corners, dtype=float).reshape(2, 3)
             turned = _turned(pose)
@@ -318,7 +318,7 @@ class _Reading:
         return method
 
     def prior(self, prior: Section, method: str, spacing: float) -> None:
-        """palpate states a prior for cells of 1 cm; the file's is that of its own points."""
+        """Reads the prior and converts it from the spacing of the file's points to palpate's cells of 1 cm."""
         kind, mean, variance = prior.text("type"), prior.number("mu"), prior.positive("var")
         self.ignored(prior, "feature_keys")
         prior.done("diag", "c_dim")
@@ -379,11 +379,11 @@ class _Reading:
 
 
 def _turned(pose: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """A pose as a matrix, world_from_vsf; that of the robot's base if there is none."""
+    """A pose as a matrix, world_from_vsf; the identity if there is none."""
     return np.eye(4) if pose is None else np.array(pose, dtype=float).reshape(4, 4)
 
 
 def _width(spec: Any) -> Any:
-    """How many numbers a row of a key has, if they stand in a row."""
+    """Number of values of a key in a frame, if they are one-dimensional."""
     shape = spec[0] if isinstance(spec, list) and spec else spec
     return shape[0] if isinstance(shape, list) and len(shape) == 1 else shape

@@ -1,7 +1,7 @@
 """Data sets of OpenVSF: `seq*/KEY.npy`, a folder for each touch, an array of T rows for each key.
 
-OpenVSF numbers sequences by their names as text, so `seq_10` comes before `seq_2`; palpate, left to
-itself, counts as people do. Numbers in a configuration are OpenVSF's.
+OpenVSF numbers sequences in alphabetical order of their names, so `seq_10` comes before `seq_2`; palpate
+otherwise sorts by number. Numbers in a configuration are OpenVSF's.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .._palpate import FileError, Log, LogError, Touch, open_log
 from ._arrays import read_npy
 
 Touches: TypeAlias = Log | list[Touch]
-"""What everything that learns or predicts takes."""
+"""The type that functions take as log."""
 
 
 def open_dataset(
@@ -27,14 +27,14 @@ def open_dataset(
     torques: str = "torques",
     **options: Any,
 ) -> Touches:
-    """Opens the sequences of a data set in OpenVSF's order, or those numbered `sequences`.
+    """Opens the sequences of a data set in OpenVSF's order, or those with the numbers in `sequences`.
 
     Each is a folder with the arrays `angles`, (T, n_joints) rad, and `torques`, (T, n_joints) N·m, as
     npy files of these names; others are not read, except a `time`. `options` are those of
-    `palpate.open_log`. The result is a `Log`, which holds one touch at a time. Where the arrays have
-    other names, such as `sim_torques`, it is a list of all touches.
+    `palpate.open_log`. The result is a `Log`, which reads one touch at a time. If the arrays have
+    other names, such as `sim_torques`, the result is a list of all touches.
 
-    Raises LogError, which names the file, and ValueError for a sequence that is not there.
+    Raises LogError, which names the file, and ValueError for a sequence that does not exist.
     """
     root = Path(path)
     folders = [root / name for name in sequence_names(root)]
@@ -56,7 +56,7 @@ def open_dataset(
 
 
 def sequence_names(root: Path) -> list[str]:
-    """The names of the sequences, in the order that gives them their numbers."""
+    """The names of the sequences, in the order of their numbers."""
     try:
         names = sorted(entry.name for entry in root.iterdir() if entry.name.startswith("seq"))
     except OSError as error:

@@ -1,7 +1,7 @@
-"""Fields from and to OpenVSF: files, folders and live objects.
+"""Conversion of fields from and to OpenVSF: files, folders and objects in memory.
 
-A spring means the same in both: the force on a point displaced by u is −K u. What differs is where
-points may be, and that OpenVSF has springs at its points only, so all other cells have none.
+A spring is the same in both: the force on a point displaced by u is −K u. But points of OpenVSF may be
+anywhere, and it has springs only at its points, so all other cells have stiffness 0.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ if TYPE_CHECKING:
 
 
 TINY = 1e-3
-"""A negative stiffness down to this part of the largest, or of 1 N/m, is a solver's zero."""
+"""A negative stiffness counts as zero, as solvers produce it, up to this share of the largest one or of 1 N/m."""
 
 FAR_M = 1e4
-"""No arm touches what is further off."""
+"""Largest coordinate of a point, m; a larger one is an error, since the unit is probably wrong."""
 
 MOST_CELLS = 1 << 25
-"""What `whole_box` writes at most: 1.9 GB."""
+"""Largest number of cells that `whole_box` writes: 1.9 GB."""
 
 _OWN = Path("palpate") / "field.npz"
-"""Where a folder has the field as palpate writes it."""
+"""Path of palpate's own file in a folder."""
 
 
 def load(
@@ -55,18 +55,18 @@ def load(
 ) -> Field:
     """Reads a field that `PointVSF.save` wrote, an npz file or a folder.
 
-    Points of a lattice of equal spacing are its cells, to a thousandth of the spacing. All others are
-    brought to the nearest point of `lattice`, or of one every `spacing` m, which is deduced if left
-    out; springs that share a cell add up, and a PalpateWarning says how far points have moved.
+    Points on a lattice of equal spacing, to 0.1 % of the spacing, become its cells. All others are
+    moved to the nearest point of `lattice`, or of a lattice with `spacing`, m, which is deduced if left
+    out; springs in the same cell are added, and a PalpateWarning reports how far points were moved.
 
-    `k_std` says what the feature `K_std` is: "std", N/m, as before an estimate, or "variance",
-    (N/m)², as after one. If left out, it is a variance where `N_obs` says that points were observed.
-    Without the features, the std is 0 and counts are 1. `robot`, `settings` and `sections` give the
-    field its robot (`kinova_gen3`), contact model and meaning of torques, which OpenVSF does not
-    store; a file that palpate wrote brings its own, unless something else is asked for here.
+    `k_std` is the meaning of the feature `K_std`: "std", N/m, as before an estimation, or "variance",
+    (N/m)², as after one. If left out, it is a variance if some `N_obs` are above 0. Without the
+    features, std is 0 and counts are 1. `robot`, `settings` and `sections` give the field its robot
+    (`kinova_gen3`), contact model, and sign and gravity of torques, which OpenVSF does not store; a file
+    that palpate wrote contains its own, which are used if no argument is given.
 
     Raises FileError, which names the file and the array, and ValueError for a lattice that does not
-    hold the points. Of the pickle in an npz file nothing is run.
+    contain the points. Code in the pickle of an npz file is not executed.
     """
     path = Path(path)
     arrays = read(path)
@@ -88,7 +88,7 @@ def from_point_vsf(
     settings: AnySettings | None = None,
     **sections: Unpack[FieldSections],
 ) -> Field:
-    """The field of a live `PointVSF`, as `load` makes it of a file. Needs no OpenVSF of its own."""
+    """Converts a `PointVSF` in memory, as `load` does a file. Does not import OpenVSF."""
 
     def numbers(tensor: Any) -> NDArray[np.float64]:
         return np.array(tensor.detach().cpu().numpy(), dtype=np.float64)
@@ -108,13 +108,13 @@ def save(
 ) -> None:
     """Writes a field that `PointVSF.load` reads: an `.npz`, or a folder if `path` is one or ends in /.
 
-    Features are `K_std`, the standard deviation, N/m, its square `K_var`, by which `load` sees that
-    it is one, and `N_obs`. Cells never touched nor expected to be stiff are left out; `whole_box` writes
-    them too, with the stiffness that the field expects of them and its std, `untouched_std` N/m if the
-    field has no memory and so does not say. Otherwise palpate reads the npz file as its own as well,
-    without memory. The file is written whole or not at all; files of others in a folder stay.
+    Features are `K_std`, the standard deviation, N/m, its square `K_var`, by which `load` recognises
+    that `K_std` is no variance, and `N_obs`. Cells that were never touched and have no prior of their own
+    are left out; `whole_box` writes them too, with stiffness and std of the prior (`untouched_std`, N/m,
+    if the field has no memory). Without `whole_box`, the npz file is also a field of palpate, without
+    memory. The file is never written partially; other files in a folder are kept.
 
-    Raises FileError if it cannot be written, ValueError if it ends in neither or the box is too large.
+    Raises FileError if it cannot be written, ValueError if `path` is neither or the box is too large.
     """
     text = os.fspath(path)
     separators = tuple(filter(None, (os.sep, os.altsep)))
@@ -132,7 +132,7 @@ def save(
 def to_point_vsf(
     field: Field, *, whole_box: bool = False, untouched_std: float | None = None
 ) -> Any:
-    """A live `PointVSF` with copies of what `save` writes. Imports OpenVSF and torch."""
+    """A `PointVSF` in memory with the arrays that `save` would write. Imports OpenVSF and torch."""
     torch: Any = import_module("torch")
     vsf_type: Any = import_module("vsf").PointVSF
     arrays = _arrays(field, whole_box, untouched_std)
@@ -151,7 +151,7 @@ def _field(
     k_std: Literal["variance", "std"] | None,
     given: dict[str, Any],
 ) -> Field:
-    """The field of arrays at the points of a lattice; `given` is what else `from_arrays` takes."""
+    """The field of arrays at the points of a lattice; `given` are further arguments of `from_arrays`."""
     points = arrays.points
     far_m = float(np.abs(points).max())
     if far_m > FAR_M:
@@ -183,7 +183,7 @@ def _counts(what: str, arrays: Arrays) -> NDArray[np.float64]:
 def _variance(
     what: str, arrays: Arrays, counts: NDArray[np.float64], k_std: Literal["variance", "std"] | None
 ) -> NDArray[np.float64]:
-    """What `K_std` says, (N/m)²."""
+    """The variance from `K_std`, (N/m)²."""
     if k_std not in ("variance", "std", None):
         raise ValueError(f'`k_std` is {k_std!r}; wanted "variance" or "std"')
     stated = arrays.features.get("K_std")
@@ -225,7 +225,7 @@ def _warn_if_moved(what: str, lattice: Lattice, n: int, moved: Moved) -> None:
 
 
 def _own(path: Path, arrays: Arrays) -> Field | None:
-    """The field as palpate wrote it, if what OpenVSF reads is still the same."""
+    """The field as palpate wrote it, if the arrays for OpenVSF were not changed since."""
     inside = path / _OWN if path.is_dir() else path
     if not inside.is_file() or (inside == path and not has_settings(path)):
         return None
@@ -244,7 +244,7 @@ def _arrays(
         points = _box(field.lattice)
         stiffness, std, counts = field.query(points)
         std = _with_untouched(std, untouched_std)
-    # Counting on, OpenVSF needs N_obs signed: torch adds no uint32.
+    # OpenVSF increments N_obs, which must be signed: torch cannot add uint32.
     features = {"K_std": std, "K_var": std**2, "N_obs": counts.astype(np.int64)}
     return {"points": points, "K": stiffness, **features}
 
@@ -261,7 +261,7 @@ def _box(lattice: Lattice) -> NDArray[np.float64]:
 
 
 def _with_untouched(std: NDArray[np.float64], untouched: float | None) -> NDArray[np.float64]:
-    """Standard deviations, with that of cells never touched where a field does not say it."""
+    """Standard deviations, with NaN, for cells never touched, replaced by `untouched`."""
     if not np.isnan(std).any():
         return std
     if untouched is None:
@@ -314,7 +314,7 @@ def _save_folder(arrays: dict[str, NDArray[Any]], own: Field | None, target: Pat
 
 
 def _link_others(target: Path, made: Path, ours: set[str]) -> None:
-    """Everything in a folder that `save` does not write, in another folder as well."""
+    """Links all files of a folder that `save` does not write into another folder."""
 
     def others(folder: str, names: list[str]) -> set[str]:
         return ours & set(names) if Path(folder) == target else set()

@@ -1,9 +1,9 @@
-"""Configurations in YAML or JSON, with files that they include.
+"""Reads configurations in YAML or JSON, with the files that they include.
 
 | YAML                  | JSON                      |                                                 |
 |-----------------------|---------------------------|-------------------------------------------------|
-| `!include FILE`       | `"!include FILE"`         | what FILE holds; its text if it is neither kind |
-| `!relative_path FILE` | `"!relative_path FILE"`   | its path                                        |
+| `!include FILE`       | `"!include FILE"`         | content of FILE; its text if not YAML or JSON   |
+| `!relative_path FILE` | `"!relative_path FILE"`   | path of FILE                                    |
 
 FILE is relative to the file that names it.
 """
@@ -20,7 +20,7 @@ from .._palpate import FileError
 
 
 def read(path: Path, within: tuple[Path, ...] = ()) -> Any:
-    """What a file holds, and the files that it includes; `within` are those that include it.
+    """The content of a file and of the files that it includes; `within` are the files that include it.
 
     Raises FileError, which names the file and the line, and ImportError if YAML needs PyYAML.
     """
@@ -49,7 +49,7 @@ def read(path: Path, within: tuple[Path, ...] = ()) -> Any:
 
 
 def _yaml(text: str) -> Any:
-    """What YAML holds, tags before the names of files as JSON has them. Raises ValueError."""
+    """Parses YAML, with tagged file names as strings like those in JSON. Raises ValueError."""
     try:
         import yaml
     except ImportError as error:
@@ -68,7 +68,7 @@ def _yaml(text: str) -> Any:
 
 
 def _resolved(value: Any, path: Path, within: tuple[Path, ...], known: dict[int, Any]) -> Any:
-    """The same with what it includes; `known` has what is done, since YAML may name a thing often."""
+    """A value with its includes resolved; `known` has resolved values, since YAML may refer to one many times."""
     if isinstance(value, dict | list):
         if id(value) not in known:
             items = value.items() if isinstance(value, dict) else enumerate(value)

@@ -1,8 +1,8 @@
-"""Points that lie anywhere, brought to a lattice: springs that end up in one cell stand in parallel.
+"""Moves springs at any points to the points of a lattice; springs in the same cell are in parallel.
 
     K = Σ Kᵢ        variance = Σ varianceᵢ        count = max countᵢ
 
-so what resists a push is the same in all, and only its place has moved.
+so the total stiffness is the same, and only positions change.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from .._palpate import Lattice
 
 NEAR_CELLS = 1e-3
-"""How far from a lattice's points, in cells, points still lie on it; single precision is off by less."""
+"""Largest distance, in cells, at which points count as points of a lattice; single precision is more accurate."""
 
 _SAMPLED = 128
 """Number of points whose nearest neighbours determine the spacing of points that are on no lattice."""
 
 _ROUND = 6
-"""Digits of a spacing that was meant to be a round number."""
+"""Number of digits to which a spacing is rounded, if the points still fit."""
 
 
 @dataclass(frozen=True)
@@ -37,18 +37,18 @@ class Springs:
 
 @dataclass(frozen=True)
 class Moved:
-    """What bringing points to a lattice did to them."""
+    """How far points were moved to a lattice."""
 
     mean_m: float
     largest_m: float
     merged: int
-    """Points that came into the cell of another."""
+    """Number of points that share the cell of another one."""
 
 
 def lattice_of(points: NDArray[np.float64], spacing: float | None = None) -> Lattice:
-    """The lattice that `points` (N, 3) m lie on, or else one that reaches over them.
+    """The lattice that `points` (N, 3) m lie on, or else one that covers them.
 
-    Its spacing, m, is deduced if left out. Raises ValueError if it would be no spacing or too fine.
+    Its spacing, m, is deduced if left out. Raises ValueError if the spacing is invalid or too small.
     """
     if spacing is None:
         return holding(points) or spanning(points, typical_spacing(points))
@@ -65,7 +65,7 @@ def holding(points: NDArray[np.float64]) -> Lattice | None:
     steps = steps[steps > max(tiny_m, 1e-9)]
     if len(steps) == 0:
         return None
-    # The smallest step is one cell, known to its last bits; the farthest points know it better.
+    # The smallest step is one cell, up to rounding; a fit to all points is more accurate.
     spacing = float(steps.min())
     offsets = points - origin
     for _ in range(3):
@@ -79,7 +79,7 @@ def holding(points: NDArray[np.float64]) -> Lattice | None:
 
 
 def spanning(points: NDArray[np.float64], spacing: float) -> Lattice:
-    """The lattice of a spacing, m, that begins at the low corner of `points` and reaches all of them."""
+    """The lattice with this spacing, m, that begins at the low corner of `points` and covers all of them."""
     low, high = points.min(axis=0), points.max(axis=0)
     sides = [math.floor(edge / spacing + 0.5) + 1 for edge in (high - low).tolist()]
     if math.prod(sides) >= 1 << 32:
@@ -92,7 +92,7 @@ def spanning(points: NDArray[np.float64], spacing: float) -> Lattice:
 
 
 def typical_spacing(points: NDArray[np.float64]) -> float:
-    """The median distance from a point to its nearest neighbour, m, by some of `points` (N, 3)."""
+    """The median distance of `points` (N, 3) to their nearest neighbours, m, from a sample of them."""
     rows = np.unique(np.linspace(0, len(points) - 1, _SAMPLED).astype(int))
     nearest = []
     for row in rows:
@@ -106,7 +106,7 @@ def typical_spacing(points: NDArray[np.float64]) -> float:
 
 
 def brought_to(lattice: Lattice, springs: Springs) -> tuple[Springs, Moved]:
-    """Every spring at the nearest point of `lattice`, in the order of the first spring in each.
+    """Moves every spring to the nearest point of `lattice`; cells are in the order of their first spring.
 
     Raises ValueError if a point lies outside.
     """

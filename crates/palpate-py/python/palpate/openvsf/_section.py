@@ -1,4 +1,4 @@
-"""A section of a configuration: every key is asked for by its type, and a key that nobody asks for is an error."""
+"""A section of a configuration: each key is read with its type, and a key that is not read is an error."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Section:
         return key in self._entries
 
     def value(self, key: str) -> Any:
-        """The value of a key, whatever it is; None if there is none."""
+        """The value of a key, of any type; None if there is none."""
         self._asked.add(key)
         return self._entries.get(key)
 
@@ -72,7 +72,7 @@ class Section:
         return self._of_type(key, str, "a text")
 
     def _of_type(self, key: str, kind: type[Kind], wanted: str) -> Kind | None:
-        """The value of a key, which must be of this very type; None if there is none."""
+        """The value of a key, which must be of exactly this type; None if there is none."""
         value: Kind | None = self.value(key)
         if value is not None and type(value) is not kind:
             raise self.error(key, f"is {_shown(value)}; wanted {wanted}")
@@ -87,7 +87,7 @@ class Section:
         return value
 
     def section(self, key: str) -> Section:
-        """The section of a key, without entries if there is none."""
+        """The section under a key; empty if there is none."""
         return Section(self._path, self.named(key), self.value(key))
 
     def sections(self) -> Iterator[tuple[str, Section]]:
@@ -96,7 +96,7 @@ class Section:
             yield key, self.section(key)
 
     def done(self, *others: str) -> None:
-        """Raises FileError if there is a key that nobody has asked for, nor is among `others`."""
+        """Raises FileError if a key was not read and is not in `others`."""
         known = sorted({*self._asked, *others})
         for key in self._entries:
             if key not in known:

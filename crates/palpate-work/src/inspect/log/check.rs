@@ -1,9 +1,8 @@
-//! What looks wrong with a log, while it is being learnt from: what `inspect` would say of it.
+//! Checks a log while it is being learnt from, with the findings of `inspect`.
 //!
-//! Whoever follows the touches anyway hands over every sample, with how many points it touches.
-//! What came so far is looked at after three touches, so that hours of work on a log that is misread
-//! do not go by without a word, then each time that there are four times as many, and at the end.
-//! Beside a running robot, a touch that goes on is looked at as well.
+//! The caller tracks the touches anyway, and passes every sample with its number of touched points. The samples so far
+//! are checked after three touches, so that a misread log is reported before hours of work, then each time that there
+//! are four times as many touches, and at the end. Beside a running robot, the touch in progress is checked as well.
 
 use std::cmp::Reverse;
 use std::collections::HashSet;
@@ -21,16 +20,16 @@ use crate::inspect::words::{counted, listed};
 use crate::progress::Progress;
 use crate::touches::{RecordedTouch, Touches};
 
-/// Frames that are kept to be looked at: 50 MB of seven joints. What follows is believed.
+/// Most frames that are kept for the check: 50 MB for seven joints. Later frames are not checked.
 const MOST_FRAMES: usize = 250_000;
-/// After so many touches they are looked at for the first time.
+/// Number of touches after which they are checked for the first time.
 const FIRST_TOUCHES: usize = 3;
-/// Findings that mean nothing for a running robot: what is wrong with a touch that is over, and with the
-/// samples' times and repeats, of which a mapper that keeps up takes only some.
+/// Codes of findings that do not apply to a running robot: those about a whole touch, and those about times and repeats
+/// of samples, since a mapper that keeps up skips samples.
 const NOT_LIVE: [&str; 7] =
     ["never_moves", "no_contact", "no_start", "drift", "duplicate_frames", "gaps", "clock"];
 
-/// Touches, as they are followed, to be looked at.
+/// Collects touches while they are tracked, and checks them.
 pub struct LogCheck {
     arm: Arc<Arm>,
     place: Place,
@@ -38,20 +37,20 @@ pub struct LogCheck {
     angle_unit: AngleUnit,
     strict: bool,
     touches: Vec<RecordedTouch>,
-    /// Points touched in each frame of each touch, if somebody follows them.
+    /// Number of touched points in each frame of each touch, if the touches are tracked.
     contacts: Option<Vec<Vec<usize>>>,
     frames: usize,
-    /// After how many touches they are looked at next.
+    /// Number of touches after which they are checked next.
     next: usize,
-    /// Touches of a running robot so far.
+    /// Number of touches of a running robot so far.
     live_touches: usize,
     /// Codes of the findings that were reported already.
     reported: HashSet<&'static str>,
 }
 
 impl LogCheck {
-    /// Of touches that an arm follows in a lattice by a contact model; `set` is what their torques
-    /// are said to be. If `strict`, what looks wrong is an error.
+    /// A check of the touches of an arm; `place` is the lattice and the contact model, `set` the torque convention. If
+    /// `strict`, [`Self::look`] returns an error if something looks wrong.
     pub fn new(
         arm: &Arc<Arm>,
         place: Place,
@@ -73,14 +72,14 @@ impl LogCheck {
         }
     }
 
-    /// The same, where these findings were reported already.
+    /// The same check, with codes of findings that were reported already.
     #[must_use]
     pub(crate) fn after(mut self, reported: &HashSet<&'static str>) -> Self {
         self.reported.extend(reported);
         self
     }
 
-    /// The same of touches that were read, and that nobody has followed.
+    /// The same check with touches that were read and not tracked.
     #[must_use]
     pub fn of(mut self, touches: &[RecordedTouch]) -> Self {
         self.contacts = None;
@@ -94,11 +93,11 @@ impl LogCheck {
         self
     }
 
-    /// The touch begins that was read last.
+    /// Begins the touch that was read last; checks those before it, if a check is due.
     ///
     /// # Errors
     ///
-    /// As [`Self::look`], at those before it, if it is time.
+    /// As [`Self::look`].
     pub fn begin(
         &mut self,
         name: &str,
@@ -118,8 +117,8 @@ impl LogCheck {
         self.contacts.get_or_insert_default().push(Vec::new());
     }
 
-    /// A touch of a running robot begins, at rest. Of those before it, at most so many frames are
-    /// kept.
+    /// Begins a touch of a running robot, with samples at rest. The touches before it are dropped if they have more
+    /// than `most_frames` frames.
     pub fn begin_live(&mut self, start: &[Sample], most_frames: usize) {
         if self.frames > most_frames {
             (self.touches, self.contacts, self.frames) = (Vec::new(), None, 0);
@@ -130,8 +129,8 @@ impl LogCheck {
         start.iter().for_each(|sample| self.add(sample, 0));
     }
 
-    /// Looks at the touches of a running robot, of which the last goes on: returns a line for each
-    /// kind of thing that looks wrong and was not reported yet.
+    /// Checks the touches of a running robot, of which the last is in progress; returns a line for each kind of finding
+    /// that was not reported yet.
     pub fn look_live(&mut self, progress: &dyn Progress) -> Vec<String> {
         let mut found = self.findings(progress).unwrap_or_default();
         found.retain(|finding| !NOT_LIVE.contains(&finding.code));
@@ -139,7 +138,7 @@ impl LogCheck {
         lines(&found, "the robot's log")
     }
 
-    /// A frame of the touch touches so many points.
+    /// Adds a frame to the present touch, with its number of touched points.
     pub fn add(&mut self, sample: &Sample, contacts: usize) {
         let of_touch = self.contacts.as_mut().and_then(|all| all.last_mut());
         if let (Some(touch), Some(of_touch)) = (self.touches.last_mut(), of_touch)
@@ -151,18 +150,18 @@ impl LogCheck {
         }
     }
 
-    /// Looks at what came so far, and warns of what was not reported yet.
+    /// Checks the touches so far, and warns of findings that were not reported yet.
     ///
     /// # Errors
     ///
-    /// If that is to be an error, or the progress stops it.
+    /// If something looks wrong and the check is `strict`, or the progress stops it.
     pub fn look(&mut self, progress: &dyn Progress) -> Result<(), WorkError> {
         let found = self.findings(progress)?;
         self.reported.extend(found.iter().map(|finding| finding.code));
         warn_of(&found, &self.log(), self.strict, progress)
     }
 
-    /// Warns of what may be the reason of an error.
+    /// Warns of what may be the reason for an error.
     pub fn explain(mut self, progress: &dyn Progress) {
         self.strict = false;
         let _ = self.look(progress);
@@ -182,7 +181,7 @@ impl LogCheck {
         }
         let robot = &self.arm.robot;
         if let Some(finding) = touches.iter().find_map(|touch| miscounted(touch, robot)) {
-            return Ok(vec![finding]); // nothing that needs the robot can be looked at
+            return Ok(vec![finding]); // nothing that needs the robot can be checked
         }
         let matching = matching(&touches);
         let Self { arm, place, set, angle_unit, .. } = self;
@@ -195,7 +194,7 @@ impl LogCheck {
         Ok(found)
     }
 
-    /// What to call the log.
+    /// Name of the log in messages.
     fn log(&self) -> String {
         let mut logs: Vec<_> = self.touches.iter().map(|touch| &touch.log).collect();
         logs.dedup();
@@ -208,8 +207,7 @@ impl LogCheck {
     }
 }
 
-/// What looks wrong with touches as they are logged, whatever they touch, errors first. `set` is what their torques are
-/// taken to be where that is not given.
+/// Findings about touches that need no contacts, errors first. `set` is the torque convention where it is not given.
 pub(crate) fn looks_wrong_as_logged(
     touches: &mut [RecordedTouch],
     robot: &Robot,
@@ -232,7 +230,7 @@ fn matching(touches: &[RecordedTouch]) -> Matching {
 ///
 /// # Errors
 ///
-/// If that is to be an error.
+/// If `strict` and there are findings.
 pub(crate) fn warn_of(
     found: &[Finding],
     log: &str,
@@ -254,7 +252,7 @@ pub(crate) fn warn_of(
     Ok(())
 }
 
-/// A line for each kind of finding, with the other joints that show it.
+/// A line for each kind of finding, with the other joints that show the same.
 fn lines(found: &[Finding], log: &str) -> Vec<String> {
     let firsts = found
         .iter()

@@ -1,8 +1,8 @@
-//! Torques that come later than the positions they belong to.
+//! Delay of logged torques after the positions to which they belong.
 //!
-//! Gravity shows it: where a touch begins still, the torque that gravity has at the logged positions
-//! leaves the noise of that start at some frame, and the logged torque must do so as early. Contacts
-//! and friction can only make it earlier. Without gravity in the torques nothing is known.
+//! Gravity shows it: in a touch that begins at rest, the torque of gravity at the logged positions leaves the noise of
+//! the start at some frame, and the logged torque must leave it no later. Contacts and friction can only make it
+//! earlier. Without gravity in the torques, the delay cannot be found.
 
 use palpate::{Gravity, MIN_TARE_FRAMES, Robot, Sample};
 use palpate_learn::evaluation::MeanStd;
@@ -15,21 +15,21 @@ use super::sensors::is_frozen;
 use crate::quantile::median;
 use crate::touches::RecordedTouch;
 
-/// A torque has left its noise where it is so many standard deviations off for so many frames.
+/// A torque has left its noise once it is off by more than this many standard deviations for this many frames.
 const LEFT: f64 = 6.0;
 const LEFT_FRAMES: usize = 3;
-/// So far it is by the time that noise lets it stay beyond, on average.
+/// How far off a torque is, on average, when noise lets it stay beyond `LEFT`, standard deviations.
 const FAR: f64 = 7.0;
-/// Sensors have at least this noise, N·m, and models of gravity an error.
+/// Least standard deviation, N·m, for noise of sensors and errors of the gravity model.
 const LEAST_NOISE: f64 = 0.02;
-/// Fewer frames are no delay, but how sensors are read.
+/// Smallest delay that is reported, frames; smaller ones come from how sensors are read.
 const LEAST_DELAY: f64 = 3.0;
-/// Nor is less, s: what filters of joint torques take.
+/// Smallest delay that is reported, s; smaller ones come from filters of joint torques.
 const LEAST_DELAY_S: f64 = 0.02;
 /// Fewest touches whose delay must be known.
 const FEWEST: usize = 3;
 
-/// The delay of the torques, if there is one; `period_s` is the log's median time step.
+/// A warning if the torques are delayed; `period_s` is the log's median time step.
 pub(super) fn finding(
     touches: &[RecordedTouch],
     robot: &Robot,
@@ -62,8 +62,8 @@ pub(super) fn finding(
     Some(Finding::warning("delay", what, remedy))
 }
 
-/// How many frames gravity shows later in the torques of a touch than in its positions: as seen, and
-/// at least, with all doubt that noise leaves. `None` if the touch does not show its delay.
+/// Delay of the torques of a touch, frames: an estimate, and a lower bound that allows for noise. `None` if the touch
+/// does not show its delay.
 fn delay(touch: &RecordedTouch, robot: &Robot, still_rad: f64) -> Option<[f64; 2]> {
     let still = touch.still_frames(still_rad);
     if still < MIN_TARE_FRAMES as usize {
@@ -82,14 +82,14 @@ fn delay(touch: &RecordedTouch, robot: &Robot, still_rad: f64) -> Option<[f64; 2
     };
     let at_rest = gravity(&start[0])?;
     let mean_start = mean(start, |sample| &sample.tau);
-    // A dead sensor is no late one.
+    // A frozen sensor has its own finding.
     let alive: Vec<usize> =
         (0..robot.n_joints()).filter(|joint| !is_frozen(touch, *joint)).collect();
     let off = |torques: &[f64], rest: &[f64]| {
         let off = |&joint: &usize| (torques[joint] - rest[joint]).abs() / stds[joint];
         alive.iter().map(off).fold(0.0, f64::max)
     };
-    // The first frame from which on the torque is so far off.
+    // The frame at which the torque has been off by more than `far` for `LEFT_FRAMES` frames.
     let leaves = |off: &dyn Fn(&Sample) -> Option<f64>, far: f64| {
         let mut beyond = 0;
         touch.samples.iter().position(|sample| {

@@ -20,42 +20,42 @@ use crate::settings::SettingsError;
 use crate::touched::{Touched, point};
 use crate::touches::RecordedTouch;
 
-/// The arm is back where it began within this, rad or m.
+/// Largest distance of a joint from its start at which the arm is back, rad or m.
 const BACK: f64 = 0.05;
-/// Fewest and most frames at the end whose mean torque is looked at.
+/// Fewest and most frames at the end whose mean torque is used.
 const END_FRAMES: [usize; 2] = [5, 20];
 
-/// Torques that change less from frame to frame do not change, N·m.
+/// Changes of torque from frame to frame below this count as none, N·m.
 pub(super) const NO_NOISE: f64 = 1e-6;
 
-/// What one touch holds.
+/// Figures of one touch.
 #[derive(Debug, Clone, Serialize)]
 pub struct TouchFacts {
-    /// Its name.
+    /// Name of the touch.
     pub name: String,
-    /// Its frames.
+    /// Number of frames.
     pub frames: usize,
-    /// From the first to the last by the log's clock, s.
+    /// Duration by the log's clock, s.
     pub duration_s: Option<f64>,
-    /// Frames from the first on in which the arm is still, or touches no point.
+    /// Number of frames from the first on in which the arm stands still, or touches no point.
     pub start_frames: usize,
-    /// Frames in which it stands still, of those.
+    /// Number of frames from the first on in which the arm stands still.
     #[serde(skip)]
     pub(super) still_frames: usize,
-    /// Frames in which the arm touches points of the lattice.
+    /// Number of frames in which the arm touches points of the lattice.
     pub frames_in_contact: u64,
-    /// Mean torque of the tare frames, gravity taken off, N·m; `None` without any.
+    /// Mean torque of the tare frames minus gravity, N·m; `None` without tare frames.
     pub tare: Option<Vec<f64>>,
-    /// Standard deviation over the start, gravity taken off, N·m; `None` if it is too short.
+    /// Standard deviation of torque minus gravity over the start, N·m; `None` if the start is too short.
     pub noise_std: Option<Vec<f64>>,
-    /// Whether the torque of each joint stands still with the arm; `None` if it never does.
+    /// Whether the torque of each joint has no noise while the arm stands still; `None` if the start is too short.
     #[serde(skip)]
     pub(super) silent: Option<Vec<bool>>,
-    /// The largest external torque after the start, over all joints, N·m.
+    /// Largest external torque after the start, norm over all joints, N·m.
     pub peak_external: f64,
-    /// The same at each joint, N·m.
+    /// Largest |external torque| of each joint after the start, N·m.
     pub peak_by_joint: Vec<f64>,
-    /// From where to where each joint moves, rad or m.
+    /// Lowest and highest position of each joint, rad or m.
     pub range: Vec<[f64; 2]>,
     /// Mean external torque at the end, N·m, if the arm is back where it began.
     pub end_external: Option<Vec<f64>>,
@@ -63,21 +63,23 @@ pub struct TouchFacts {
     pub work_until_peak_j: f64,
 }
 
-/// Finds the figures of touches.
+/// Computes the figures of touches.
 pub(super) struct Figures {
     tracker: Tracker,
-    /// What the torques mean, as they are read.
+    /// The torque convention under which the log is read.
     read: ExternalTorqueConfig,
     tare: Tare,
     still_rad: f64,
 }
 
-/// Frames that are followed of a long log, spread over its motion once it has begun: what those between touch is the same,
-/// as long as no joint moves further than this, rad or m.
+/// In a long log, contacts are simulated in about this many frames, spread evenly over the motion while the arm touches
+/// something; the frames between have the same contacts. The second constant is the largest motion of a joint between
+/// two of them, rad or m.
 const MOST_FRAMES: f64 = 5_000.0;
 const LONGEST_STEP: f64 = 0.005;
 
-/// Steps of the joints, rad or m, of which touches have [`MOST_FRAMES`] or more; none if they have not more frames.
+/// Motion of a joint, rad or m, after which contacts are simulated again, so that this happens in [`MOST_FRAMES`]
+/// frames or more; 0 for logs with fewer frames.
 fn step(touches: &[RecordedTouch]) -> f64 {
     let pairs = || touches.iter().flat_map(|touch| touch.samples.windows(2));
     if (pairs().count() as f64) < MOST_FRAMES {
@@ -87,12 +89,12 @@ fn step(touches: &[RecordedTouch]) -> f64 {
     (way / MOST_FRAMES).min(LONGEST_STEP)
 }
 
-/// A touch, followed through the lattice.
+/// A touch, tracked in the lattice.
 #[derive(Default)]
 struct Followed {
-    /// Frames from the first on in which the arm is still, or touches no point.
+    /// Number of frames from the first on in which the arm stands still, or touches no point.
     start_frames: usize,
-    /// Logged torques in the sign of external ones, less gravity, by frame, N·m.
+    /// Logged torques in the sign of external torques, minus gravity, by frame, N·m.
     raw: Vec<Vec<f64>>,
     touched: Touched,
     /// Cells touched after the tare.
@@ -108,7 +110,7 @@ impl Figures {
     ) -> Result<Self, SettingsError> {
         let (tare, still_rad) = (set.tare, set.still_rad);
         let mut set = set.clone();
-        // Touches without a contact-free start are followed as well.
+        // Without a tare, touches without a contact-free start can be tracked as well.
         (set.torque_sign, set.gravity, set.tare) = (fit.torque_sign, fit.gravity, Tare::None);
         let read = set.clone();
         let tracker = Tracker::new(Arc::clone(arm), lattice.clone(), contact, set)
@@ -116,8 +118,9 @@ impl Figures {
         Ok(Self { tracker, read, tare, still_rad })
     }
 
-    /// The figures of touches with the robot's joints, what all of them touch, and how many cells:
-    /// none where somebody knows how many points each frame touches (`contacts`, by touch).
+    /// The figures of touches with the robot's joints, the counts of touched points over all of them, and the number of
+    /// touched cells. If the number of touched points of each frame is known (`contacts`, by touch), contacts are not
+    /// simulated and the number of cells is 0.
     ///
     /// # Errors
     ///
@@ -129,7 +132,7 @@ impl Figures {
         progress: &dyn Progress,
     ) -> Result<(Vec<TouchFacts>, Touched, usize), WorkError> {
         let frames = touches.iter().map(RecordedTouch::frames).sum::<usize>();
-        // Without contacts to look for it is over at once.
+        // With known contacts it takes almost no time.
         let bar = match contacts {
             None => Some(progress.begin(Some(frames as u64), "frames", "inspecting")),
             Some(_) => None,
@@ -150,7 +153,7 @@ impl Figures {
         Ok((found.into_iter().map(|(facts, _)| facts).collect(), touched, cells.len()))
     }
 
-    /// Follows a touch as the mapper does, in steps of the joints that are at least so long.
+    /// Tracks a touch as the mapper does; contacts are simulated again once a joint has moved by `step`, rad or m.
     fn follow(
         &self,
         touch: &RecordedTouch,
@@ -206,7 +209,7 @@ impl Figures {
         Ok(followed)
     }
 
-    /// Torque of a sample in the sign of external ones, less gravity, N·m; `None` if it is refused.
+    /// Torque of a sample in the sign of external torques, minus gravity, N·m; `None` if it is refused.
     fn untared(&self, sample: &Sample) -> Option<DVector<f64>> {
         let robot = &self.tracker.arm().robot;
         let poses = robot.forward(&sample.q).ok()?;
@@ -262,7 +265,7 @@ impl Figures {
     }
 }
 
-/// Within what box the origin of the last link moves, m.
+/// The box in which the origin of the last link moves, m, in words.
 pub(super) fn last_link_box(touches: &[RecordedTouch], robot: &Robot) -> Option<String> {
     let link = robot.joints().last()?.child.index();
     let samples = touches.iter().flat_map(|touch| &touch.samples);
@@ -272,7 +275,7 @@ pub(super) fn last_link_box(touches: &[RecordedTouch], robot: &Robot) -> Option<
     Some(format!("the origin of `{}` moves within {low_m} .. {high_m} m", robot.links()[link].name))
 }
 
-/// The first of the last frames, if in all of them the arm is back where it began.
+/// Number of the first of the frames at the end in which the arm is back at its start; `None` if they are too few.
 fn end(touch: &RecordedTouch, push: usize) -> Option<usize> {
     let start = touch.samples.first()?;
     let [fewest, most] = END_FRAMES;
@@ -282,7 +285,7 @@ fn end(touch: &RecordedTouch, push: usize) -> Option<usize> {
     (frames >= fewest && push + back < touch.frames()).then(|| touch.frames() - frames)
 }
 
-/// `Σ τ·Δq` between two frames: what the object gives to the arm.
+/// `Σ τ·Δq` between two frames: the work of the external torque on the arm, J.
 fn work(touch: &RecordedTouch, external: &[Vec<f64>], from: usize, to: usize) -> f64 {
     let power = |row: usize| {
         let [before, now] = [row - 1, row].map(|row| &touch.samples[row].q);
@@ -292,7 +295,7 @@ fn work(touch: &RecordedTouch, external: &[Vec<f64>], from: usize, to: usize) ->
     (from.max(1)..=to).filter(|row| *row < touch.frames()).map(power).sum()
 }
 
-/// Whether hardly any frame differs from the one before, at each joint, with or without gravity.
+/// For each joint, whether at least 80 % of the frames have the torque of the frame before, with or without gravity.
 fn silent(raw: &[Vec<f64>], touch: &RecordedTouch) -> Vec<bool> {
     let logged: Vec<&Vec<f64>> = touch.samples.iter().map(|sample| &sample.tau).collect();
     let change = |steps: Vec<f64>| quantile(&steps, 0.8).unwrap_or(0.0);

@@ -1,4 +1,4 @@
-//! What shows in the frames alone, whatever the robot: repeated frames, the clock.
+//! Findings that show in the frames alone, without the robot's model: repeated frames, the clock.
 
 use palpate::Robot;
 use palpate_learn::identify::ReadTimes;
@@ -9,14 +9,14 @@ use super::super::words::{counted, number, times};
 use crate::quantile::{extremes, median, quantile};
 use crate::touches::RecordedTouch;
 
-/// So many identical frames at the start are a sensor without noise, which another finding reports.
+/// From this number of identical frames at the start on, the sensor has no noise, which another finding reports.
 pub(super) const NOISELESS_START: usize = 5;
-/// A time step longer than so many medians is a gap.
+/// A time step longer than this multiple of the median is a gap.
 const GAP: f64 = 3.0;
-/// A median period beyond these is hardly in seconds.
+/// Plausible range of the median time step, s; outside of it, the unit is probably not s.
 const BELIEVABLE_PERIOD_S: [f64; 2] = [1e-5, 5.0];
-/// The shortest step of a log in milliseconds, and a speed, rad/s or m/s, that is never reached in one, though it has so
-/// many frames and goes so far, rad or m.
+/// A clock is probably in ms if the median step is at least this, and no joint reaches the speed `CRAWLS`, rad/s or
+/// m/s, although the log has `CRAWLS_FRAMES` frames and a joint moves by `CRAWLS_ALL_THE_WAY`, rad or m.
 const LEAST_PERIOD_MS: f64 = 0.5;
 const CRAWLS: f64 = 0.02;
 const CRAWLS_FRAMES: usize = 200;
@@ -27,9 +27,9 @@ const CRAWLS_ALL_THE_WAY: f64 = 0.1;
 pub struct ClockFacts {
     /// Median time step, s.
     pub period_s: f64,
-    /// How far nine steps of ten stay from it, s.
+    /// 90 % quantile of |step − median|, s.
     pub jitter_s: f64,
-    /// Sum of all touches, s.
+    /// Sum of the durations of all touches, s.
     pub duration_s: f64,
 }
 
@@ -46,7 +46,7 @@ pub(super) fn clock(touches: &[RecordedTouch]) -> Option<ClockFacts> {
     Some(ClockFacts { period_s, jitter_s: quantile(&off, 0.9)?, duration_s })
 }
 
-/// All time steps: touch, row that it leads to, length in s.
+/// All time steps: touch, row at the end of the step, length in s.
 fn steps(touches: &[RecordedTouch]) -> impl Iterator<Item = (&RecordedTouch, usize, f64)> {
     touches.iter().flat_map(|touch| {
         let pairs = touch.samples.windows(2).enumerate();
@@ -73,7 +73,7 @@ fn place(touch: &RecordedTouch, row: usize) -> (&str, String) {
     (&touch.name, format!("{} row {row}", touch.name))
 }
 
-/// Frames that repeat the one before, sensor noise and all.
+/// Frames that are equal to the one before, including sensor noise.
 fn duplicates(touches: &[RecordedTouch]) -> Option<Finding> {
     let of_touch = |touch: &RecordedTouch| {
         let same = |row: &usize| {
@@ -97,11 +97,11 @@ fn duplicates(touches: &[RecordedTouch]) -> Option<Finding> {
     Finding::at_places("duplicate_frames", &places, what, remedy)
 }
 
-/// Touches that are copies of others, sensor noise and all.
+/// Touches that are equal to an earlier one, including sensor noise.
 fn copies(touches: &[RecordedTouch]) -> Option<Finding> {
     let moves = |touch: &RecordedTouch| touch.samples.array_windows().any(|[a, b]| a.q != b.q);
     let same = |a: &RecordedTouch, b: &RecordedTouch| {
-        // From the end: touches without noise begin alike.
+        // From the end, since touches without noise may have the same start.
         let mut pairs = a.samples.iter().zip(&b.samples).rev();
         a.frames() == b.frames() && pairs.all(|(a, b)| a.q == b.q && a.tau == b.tau)
     };
@@ -142,7 +142,7 @@ fn time_unit(clock: &ClockFacts, touches: &[RecordedTouch]) -> Option<Finding> {
     })
 }
 
-/// Whether the arm moves, but never at a speed that anybody would choose.
+/// Whether the arm moves, but always slower than [`CRAWLS`].
 fn crawls(touches: &[RecordedTouch]) -> bool {
     let samples = || touches.iter().flat_map(|touch| &touch.samples);
     if samples().count() < CRAWLS_FRAMES {
@@ -190,7 +190,7 @@ fn backwards(touches: &[RecordedTouch]) -> Option<Finding> {
     Finding::at_places("clock", &places, what, remedy)
 }
 
-/// Stamps that are clearly not when the joints were read.
+/// Time stamps that are clearly not the times at which the joints were read.
 pub(super) fn stamps(touches: &[RecordedTouch], robot: &Robot) -> Option<Finding> {
     let off = touches.iter().map(|touch| {
         let ReadTimes { corrected, rms_s } = ReadTimes::of(robot, &[&touch.samples]);

@@ -1,4 +1,4 @@
-//! What gravity says of a log, in words: sign, convention, order of joints, payload.
+//! Findings from gravity: convention of the torques, order of joints, payload.
 
 use palpate::{ExternalTorqueConfig, Gravity, Payload, Robot, Sample};
 use palpate_io::log::AngleUnit;
@@ -11,7 +11,8 @@ use super::reading::{self, Fit, Fits, Reading};
 use crate::conventions::{Evidence, Given};
 use crate::touches::RecordedTouch;
 
-/// Reads the log as gravity says: the touches' joints are put into the order that fits.
+/// Finds from gravity how the log is to be read, and puts the joints of the touches into the order
+/// that fits.
 pub(super) fn judge(
     touches: &mut [RecordedTouch],
     robot: &Robot,
@@ -67,7 +68,7 @@ fn payload_of(robot: &Robot, rests: &[Sample], fits: &Fits) -> Option<(Fit, Payl
     })
 }
 
-/// Flags that make a convention hold.
+/// Flags that change the convention `set` into `right`.
 fn flags(set: &Fit, right: &Fit) -> Vec<String> {
     let mut flags = Vec::new();
     if set.torque_sign != right.torque_sign {
@@ -156,7 +157,7 @@ fn wrong_order(
     Finding::warning("joint_order", what, remedy).at(&wrong)
 }
 
-/// Joints of which some count one way and others the other.
+/// The finding that some joints have the opposite sign of the others.
 fn opposite_signs(robot: &Robot, by_sign: &[Vec<usize>; 2]) -> Finding {
     let names: Vec<&str> = robot.joint_names().collect();
     let [plus, minus] = by_sign
@@ -172,7 +173,7 @@ fn opposite_signs(robot: &Robot, by_sign: &[Vec<usize>; 2]) -> Finding {
     Finding::warning("joint_sign", what, remedy).at(odd)
 }
 
-/// Torques that no convention explains.
+/// The finding that no convention explains the torques.
 fn misfit(fits: &Fits, heavier: Option<&(Fit, Payload)>) -> Finding {
     let what = format!(
         "gravity does not explain the torques at rest, in either sign: {} N·m remain unexplained, where \

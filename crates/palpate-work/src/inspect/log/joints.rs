@@ -8,22 +8,23 @@ use super::super::finding::Finding;
 use super::super::words::listed;
 use crate::recorded::{RecordedTouch, reorder_joints};
 
-/// How the joints of the log became those of the robot; of several touches, the last of these.
+/// How the joints of the log were matched to those of the robot; for several touches, the variant
+/// that comes last in this list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Matching {
-    /// The log names no joints: its order is believed, and checked by gravity.
+    /// The log names no joints: their order is taken to be the robot's, and checked by gravity.
     Unnamed,
     /// By name, and their order is the robot's.
     InOrder,
     /// By name, and their order is another.
     Reordered,
-    /// The names, or their number, do not serve the robot.
+    /// The names, or their number, do not match the robot.
     Unmatched,
 }
 
-/// Puts the joints into the robot's order by name, if they have names, and says what of them
-/// does not serve the robot. Without a match they stay as they are.
+/// Puts the joints into the robot's order by name, if they have names; the findings are about
+/// joints that do not match the robot. Without a match the joints stay as they are.
 pub(super) fn match_joints(
     touches: &mut [RecordedTouch],
     robot: &Robot,
@@ -58,7 +59,7 @@ pub(super) fn match_joints(
     (matching, findings)
 }
 
-/// What is said of a touch with another number of joints than the robot.
+/// The finding for a touch with another number of joints than the robot.
 pub(super) fn miscounted(touch: &RecordedTouch, robot: &Robot) -> Option<Finding> {
     let (found, wanted) = (touch.n_joints(), robot.n_joints());
     (found != wanted).then(|| {
@@ -84,7 +85,8 @@ fn unmatched(what: String, joints: &[String]) -> Finding {
 }
 
 impl RecordedTouch {
-    /// Positions and torques of some of the joints, in another order.
+    /// Reorders positions and torques: joint j gets those of `order[j]`; joints that are not in
+    /// `order` are dropped.
     pub(super) fn permute(&mut self, order: &[usize]) {
         self.samples.iter_mut().for_each(|sample| reorder_joints(sample, order));
     }

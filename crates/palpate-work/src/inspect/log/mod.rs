@@ -1,26 +1,26 @@
-//! What a log holds, touch by touch, and what looks wrong with it.
+//! Content of a log, touch by touch, and what looks wrong with it.
 //!
-//! | file      | says                                                        |
+//! | file      | content                                                     |
 //! |-----------|-------------------------------------------------------------|
 //! | `joints`  | joints matched by name                                      |
 //! | `frames`  | repeated frames, clock, stamps                              |
-//! | `sensors` | torques that stand still or are cut off                     |
+//! | `sensors` | torques that are constant or cut off while the arm moves    |
 //! | `delay`   | torques that come later than positions                      |
 //! | `motion`  | positions and speeds beyond the robot's limits              |
 //! | `unit`    | degrees or radians                                          |
 //! | `reading` | sign, gravity and order of joints that fit best             |
-//! | `gravity` | the same in words                                           |
+//! | `gravity` | the findings from these                                     |
 //! | `mounting` | whether the arm is mounted as its URDF says                |
 //! | `payload` | what weight would explain torques that gravity does not     |
 //! | `figures` | start, tare, noise, push, contacts and end of each touch    |
-//! | `rest`    | what of that looks wrong                                    |
-//! | `check`   | all of it while a log is being learnt from                  |
+//! | `rest`    | the findings from these figures                             |
+//! | `check`   | all checks while a log is being learnt from                 |
 //!
-//! What is wrong with a log shows only against all of it, so it is read into memory: 200 bytes a
-//! frame of seven joints.
+//! Most defects show only in comparison with the whole log, so it is read into memory: 200 bytes for a frame of seven
+//! joints.
 //!
-//! A defect is reported once: where the log seems to be in degrees, or its torques in the other sign,
-//! the rest is looked at as if that had been corrected.
+//! A defect is reported once: if the log seems to be in degrees, or its torques to have the other sign, the remaining
+//! checks are made as if that had been corrected.
 
 mod check;
 mod delay;
@@ -63,35 +63,35 @@ pub use frames::ClockFacts;
 pub use joints::Matching;
 pub use reading::{Fit, Fits, Reading};
 
-/// What a log holds.
+/// Facts about a log.
 #[derive(Debug, Serialize)]
 pub struct LogFacts {
     /// Its format.
     pub format: Format,
     /// The columns that are read, if it is a table.
     pub columns: Option<CsvColumns>,
-    /// Name of the robot that it is held against.
+    /// Name of the robot with which it is compared.
     pub robot: String,
-    /// Frames of all touches.
+    /// Number of frames of all touches.
     pub frames: usize,
     /// The clock, if there is one.
     pub clock: Option<ClockFacts>,
-    /// In the order of all lists by joint: the robot's, if the log serves it.
+    /// Names of the joints, in the order of all lists by joint: that of the robot, if the joints match.
     pub joints: Vec<String>,
-    /// How they became the robot's.
+    /// How they were matched to the robot's.
     pub matching: Matching,
-    /// Only if the joints are the robot's.
+    /// How the log should be read; only if the joints match the robot's.
     pub reading: Option<Reading>,
-    /// Where contacts are looked for.
+    /// The lattice in which contacts are simulated.
     pub lattice: LatticeFacts,
-    /// What the arm touches of it, as `map` would find; only if the joints are the robot's.
+    /// Counts of touched points and cells, as `map` would find; only if the joints match the robot's.
     pub touched: Option<TouchedFigures>,
-    /// Its touches, in their order.
+    /// The touches, in their order.
     pub touches: Vec<TouchFacts>,
 }
 
-/// Looks at a log, or at why it cannot be opened: what it holds, if anything of it can be read, and
-/// what looks wrong, errors first.
+/// Inspects a log, or the error of opening it: returns its facts, if anything of it can be read, and findings, errors
+/// first.
 ///
 /// # Errors
 ///
@@ -185,7 +185,7 @@ impl LogInspector<'_> {
         Ok(Some(facts))
     }
 
-    /// What is given of how the torques count, or said by the type of message.
+    /// The part of the torque convention that is given, or known from the type of message.
     fn given(&self, external: bool) -> Given {
         let touch = &self.settings.touch;
         let (sign, gravity) = (touch.torque_sign_given(), touch.gravity_given());
@@ -195,7 +195,7 @@ impl LogInspector<'_> {
         }
     }
 
-    /// Reads the touches that have frames, to the end or to where it breaks off.
+    /// Reads the touches that have frames, up to the end or the first error.
     fn read(&mut self, log: &mut Touches) -> Vec<RecordedTouch> {
         let mut touches = Vec::new();
         let read = log.read_into(&mut touches, None);
@@ -205,24 +205,24 @@ impl LogInspector<'_> {
     }
 }
 
-/// Where contacts are looked for, and what is one.
+/// Lattice and contact model in which contacts are simulated.
 type Place = (Lattice, ContactConfig);
 
-/// How touches with the robot's joints are read.
+/// Under which settings touches with the robot's joints are checked.
 struct Read<'a> {
     arm: &'a Arc<Arm>,
     place: &'a Place,
-    /// What their torques are said to be, or taken to be where that is to be found.
+    /// The torque convention; where it is not given, the one from which the search begins.
     set: &'a ExternalTorqueConfig,
     given: Given,
-    /// The unit that their angles were said to be in, by the settings or the names of columns.
+    /// Unit of angles, if given by the settings or by the names of columns.
     angle_unit: Option<AngleUnit>,
     matching: Matching,
     /// Whether the arm was identified, so that touches need no start at rest.
     is_identified: bool,
 }
 
-/// What touches hold, and what looks wrong.
+/// Facts and findings about touches.
 struct Judged {
     reading: Reading,
     touched: TouchedFigures,
@@ -231,8 +231,8 @@ struct Judged {
 }
 
 impl Read<'_> {
-    /// Looks at touches, which are then in the unit and the order that they seem to be in. `contacts`
-    /// is how many points each frame touches as it was read, by touch, if that is known.
+    /// Checks touches, and converts them to the unit and the order of joints that they seem to have. `contacts` is the
+    /// number of touched points of each frame as it was read, by touch, if known.
     fn judge(
         &self,
         touches: &mut [RecordedTouch],
@@ -245,7 +245,7 @@ impl Read<'_> {
         let contacts = contacts.filter(|_| as_read);
         let fits = &reading.fits;
         findings.extend(delay::finding(touches, robot, (fits, set.still_rad), period_s));
-        // Late torques and negated columns give work too, and are reported already.
+        // Late torques and negated columns do work on the arm, too, and are reported already.
         let explained = |of: &Finding| ["joint_sign", "delay"].contains(&of.code);
         if fits.has_enough_gravity() && !fits.misfit() && !findings.iter().any(explained) {
             findings.extend(mounting::finding(touches, robot, (&fits.accepted(), set.still_rad)));
@@ -266,17 +266,18 @@ impl Read<'_> {
     }
 }
 
-/// What touches hold whatever they touch, and what looks wrong with that.
+/// Facts and findings about touches that need no contacts.
 struct AsLogged {
     reading: Reading,
-    /// Whether they are in the unit and the order that they were read in.
+    /// Whether unit and order of joints are those in which the touches were read.
     as_read: bool,
     period_s: Option<f64>,
     findings: Vec<Finding>,
 }
 
 impl AsLogged {
-    /// Of touches with the robot's joints, which are then in the unit and the order that they seem to be in.
+    /// Checks touches with the robot's joints, and converts them to the unit and the order of joints that they seem to
+    /// have.
     fn of(
         touches: &mut [RecordedTouch],
         robot: &Robot,
@@ -290,7 +291,7 @@ impl AsLogged {
         without_turns(touches);
         let (reading, by_gravity) =
             gravity::judge(touches, robot, (set, given), (angle_unit, matching));
-        without_turns(touches); // the joints may be others now
+        without_turns(touches); // again: the order of joints may have changed
         let as_read = wrong_unit.is_none() && reading.order.is_none();
         let mut findings = Vec::from_iter(wrong_unit);
         findings.extend(by_gravity);
@@ -303,7 +304,7 @@ impl AsLogged {
     }
 }
 
-/// Whether touches seem to be in another unit or another order of joints than they are said to be.
+/// Whether touches seem to be in another unit than `unit`, or in another order of joints than the robot's.
 pub(crate) fn is_misread(
     touches: &mut [RecordedTouch],
     robot: &Robot,
@@ -319,7 +320,7 @@ pub(crate) fn is_misread(
 }
 
 impl LogFacts {
-    /// What shows before the robot comes in.
+    /// Facts that do not need matched joints.
     fn new(
         log: &Touches,
         touches: &[RecordedTouch],
@@ -353,7 +354,7 @@ fn unreadable(error: &WorkError) -> Finding {
     Finding::error("unreadable", error.to_string(), remedy)
 }
 
-/// What looked odd and did not stop the reading, but for the clock, which is looked at apart.
+/// A finding for a warning of the reader; `None` for the clock, which has its own finding.
 fn left_out(odd: &LogWarning) -> Option<Finding> {
     let remedy = "nothing, if that is as meant; else see --joints, --touch-topic and the recording";
     let clock = matches!(odd, LogWarning::TimeNotIncreasing { .. });
@@ -374,7 +375,7 @@ impl RecordedTouch {
         self.samples.iter().filter_map(|sample| sample.time_s)
     }
 
-    /// How many frames from the first on stay where it was.
+    /// Number of frames from the first on in which no joint has moved by more than `still_rad`.
     fn still_frames(&self, still_rad: f64) -> usize {
         let Some(start) = self.samples.first() else { return 0 };
         let moved =
@@ -383,7 +384,7 @@ impl RecordedTouch {
     }
 }
 
-/// The largest difference of two joint vectors at any joint.
+/// Largest |difference| of two joint vectors over the joints.
 pub(crate) fn farthest(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
@@ -395,7 +396,7 @@ pub(crate) fn mean<T>(rows: &[T], of: impl Fn(&T) -> &[f64]) -> Vec<f64> {
     (0..columns).map(mean).collect()
 }
 
-/// What logged torques are multiplied with to be external ones.
+/// Factor that gives logged torques the sign of external torques.
 fn sign(torque_sign: TorqueSign) -> f64 {
     match torque_sign {
         TorqueSign::Plus => 1.0,

@@ -1,4 +1,4 @@
-//! What the robot's limits say of a motion: positions and speeds beyond them.
+//! Positions and speeds beyond the robot's limits.
 
 use palpate::unstable::Joint;
 use palpate::{Robot, Sample};
@@ -8,13 +8,13 @@ use super::super::words::{counted, number, times};
 use crate::quantile::extremes;
 use crate::touches::RecordedTouch;
 
-/// Sensors overshoot a limit by as much, rad or m.
+/// Tolerance of joint limits, rad or m: sensors overshoot by as much.
 pub(crate) const LIMIT_MARGIN: f64 = 0.01;
-/// A speed of so many times the limit is no motion but a jump.
+/// A speed above this multiple of the limit is a jump.
 const JUMP: f64 = 1.5;
-/// A jump is at least this long, rad or m.
+/// Smallest jump, rad or m.
 const LEAST_JUMP: f64 = 0.02;
-/// Without clock or speed limit, a jump is as long as this, rad or m.
+/// Smallest jump if there is no clock or no speed limit, rad or m.
 const JUMP_ANYWAY: f64 = 0.5;
 
 /// Everything that looks wrong.
@@ -31,7 +31,7 @@ pub(super) fn findings(
     findings
 }
 
-/// Positions that the joint cannot take.
+/// Positions beyond the limits of a joint.
 fn outside(touches: &[RecordedTouch], robot: &Robot, joint: usize) -> Option<Finding> {
     let limits = &robot.joints()[joint];
     let [low, high] = limits.range?;

@@ -1,9 +1,9 @@
 //! Whether the arm is mounted as its URDF says, or for example hangs from a ceiling while its URDF stands upright.
 //!
-//! Opposite gravity looks like the opposite sign of the torques. That sign is then chosen wrongly, and all contact torques have
-//! it. Over a motion that returns to a start without contact, contacts and friction can only take energy from the arm. So an
-//! external torque that does positive work there has the wrong sign. Conservative errors, such as an unknown payload, do no
-//! work over such a motion.
+//! Opposite gravity looks like the opposite sign of the torques. That sign is then chosen wrongly, and all contact
+//! torques have it. Over a motion that returns to a start without contact, contacts and friction can only take energy
+//! from the arm. So an external torque that does positive work there has the wrong sign. Conservative errors, such as
+//! an unknown payload, do no work over such a motion.
 
 use palpate::{Gravity, MIN_TARE_FRAMES, Robot, Sample};
 
@@ -16,11 +16,11 @@ use crate::touches::RecordedTouch;
 const BACK: f64 = 0.1;
 /// Least work over a touch, as a part of the range between its least and greatest value during the touch.
 const LEAST_PART: f64 = 0.1;
-/// The same, J: hysteresis of the sensors does a little work in free motion.
+/// Least work over a touch, J: hysteresis of the sensors does a little work in free motion.
 const LEAST_J: f64 = 0.05;
 /// Fewest touches that return and do work.
 const FEWEST: usize = 3;
-/// The part of them in which the work must be positive.
+/// Least share of them in which the work must be positive.
 const LEAST_GIVING: f64 = 0.8;
 
 /// A warning if the external torque does positive work in touches that return to their start.
@@ -51,8 +51,8 @@ pub(super) fn finding(
     Some(Finding::warning("mounting", what, remedy))
 }
 
-/// The work, J, that the external torque does on the arm in a touch; `None` if the arm does not return, does not stand still at
-/// start and end, or the work is too small.
+/// The work, J, that the external torque does on the arm in a touch; `None` if the arm does not return, does not stand
+/// still at start and end, or the work is too small.
 fn work_j(touch: &RecordedTouch, robot: &Robot, fit: &Fit, still_rad: f64) -> Option<f64> {
     let still = touch.still_frames(still_rad);
     let start = &touch.samples.first()?.q;

@@ -1,4 +1,4 @@
-//! What weight at the arm's end would explain torques that gravity alone does not.
+//! Finds a payload at the arm's end that explains torques which the robot's own gravity does not.
 //!
 //! A payload of mass m and centre of mass c adds `m·a₀ + Σ m·cᵢ·aᵢ` to the torque of gravity,
 //! linear in m and m·c. The columns come from the robot itself, carrying one kilogram at the
@@ -12,9 +12,9 @@ use crate::quantile::median;
 
 /// The residual with the payload must be less than this part of the residual without it.
 const EXPLAINS: f64 = 0.4;
-/// Masses that an arm may carry unnoticed, kg.
+/// Plausible range of the mass of a payload that is not given, kg.
 const BELIEVABLE_KG: [f64; 2] = [0.05, 50.0];
-/// A centre of mass farther from its link is none, m.
+/// Largest plausible coordinate of the centre of mass in the frame of the link, m.
 const FARTHEST_M: f64 = 0.5;
 /// Singular values below this part of the largest count as zero: the touches do not determine these directions.
 const LEAST_SINGULAR: f64 = 0.03;

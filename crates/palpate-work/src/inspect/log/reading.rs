@@ -1,14 +1,13 @@
-//! How a log is to be read: unit of its angles, order of its joints, sign of its torques, gravity
-//! in or out. Gravity decides, since it is the only torque that is known beforehand.
+//! How a log is to be read: unit of its angles, order of its joints, sign of its torques, with or without gravity.
+//! Gravity decides, since it is the only torque that is known beforehand.
 //!
-//! The arm at rest measures `s·τ = a·τ_gravity(q) + bias`. Of every touch the mean over its still
-//! start is taken. The residual of a convention is the median of |s·τ − a·τ_gravity(q)|
-//! over these, so that a touch that begins in contact does not count. The conventions lie tens of
-//! N·m apart and a bias is below one, so the least is clear, unless the joints' axes are vertical
-//! and there is nothing to see.
+//! The arm at rest measures `s·τ = a·τ_gravity(q) + bias`. For every touch, the mean over its start at rest is taken.
+//! The residual of a convention is the median of |s·τ − a·τ_gravity(q)| over the touches, so that a touch that begins
+//! in contact has no effect. The residuals of conventions differ by tens of N·m and a bias is below 1 N·m, so the
+//! smallest one is clear, unless the axes of the joints are vertical and gravity does not load them.
 //!
-//! If no touch begins still, single frames have to do, with contacts in them. The residual
-//! then says little, but contacts do not follow gravity, so the slope of the torques on it decides.
+//! If no touch begins at rest, single frames are used, which may have contacts. The residual is then not reliable, but
+//! contacts do not follow gravity, so the slope of the torques on gravity decides.
 
 use palpate::{ExternalTorqueConfig, Gravity, MIN_TARE_FRAMES, Payload, Robot, Sample, TorqueSign};
 use palpate_io::log::AngleUnit;
@@ -21,12 +20,13 @@ use crate::touches::RecordedTouch;
 const GOOD_PART: f64 = 0.25;
 /// Largest good residual of each joint, N·m, whatever gravity is: the bias of usual sensors.
 const GOOD_BIAS: f64 = 0.4;
-/// Another order of joints must leave less than this part: there are many to choose from.
+/// Another order of joints must have a residual below this ratio to that of the robot's order; it is strict, since
+/// there are many orders.
 const FAR_BETTER: f64 = 0.25;
-/// Single frames to look at if no touch begins still.
+/// Approximate number of single frames that are used if no touch begins at rest.
 const FRAMES: usize = 200;
 
-/// Moments at rest, or any moments if there are none.
+/// Samples at rest, or any samples if there are none.
 #[derive(Debug, Clone)]
 pub(super) struct Rests {
     pub all: Vec<Sample>,
@@ -39,9 +39,9 @@ pub(super) struct Rests {
 pub struct Fit {
     /// Sign of the torques.
     pub torque_sign: TorqueSign,
-    /// Whether they hold gravity.
+    /// Whether they contain gravity.
     pub gravity: Gravity,
-    /// Median torque that gravity does not explain under it, N·m over all joints.
+    /// Median torque that gravity does not explain under this convention, N·m over all joints.
     #[serde(rename = "left_over")]
     pub residual: f64,
     /// Slope of the measured torques, in that sign, on those of gravity.
@@ -57,37 +57,37 @@ pub struct Fits {
     pub best: Fit,
     /// Torque of gravity at rest, N·m over all joints.
     pub gravity_torque: f64,
-    /// Whether there are moments at rest; if not, these are figures of any frames.
+    /// Whether there are samples at rest; if not, the figures are of any frames.
     pub at_rest: bool,
-    /// Whether the sign of `best` is that of torques without gravity that take work from the arm, and not the one
-    /// that is set.
+    /// Whether the sign of `best` was found from the work of torques without gravity, and is not the one of the
+    /// settings.
     pub by_work: bool,
     #[serde(skip)]
     n_joints: usize,
 }
 
-/// What was found out.
+/// How a log should be read.
 #[derive(Debug, Serialize)]
 pub struct Reading {
     /// Unit in which the log seems to be.
     pub angle_unit: AngleUnit,
-    /// Order in which the log seems to hold the joints, if it is not the robot's: the place of
-    /// each joint of the robot.
+    /// Order of the joints that the log seems to have, if it is not the robot's: index in the log of each joint of the
+    /// robot.
     pub order: Option<Vec<usize>>,
     /// Sign of the torques, as the log should be read.
     pub torque_sign: TorqueSign,
-    /// Whether they hold gravity, as the log should be read.
+    /// Whether they contain gravity, as the log should be read.
     pub gravity: Gravity,
-    /// The residual of that at rest, as a part of gravity; `None` if gravity is too small.
+    /// Residual at rest under this convention, as a share of gravity; `None` if gravity is too small.
     pub unexplained_share: Option<f64>,
-    /// A weight at the last link that would explain what gravity does not.
+    /// A payload at the last link that would explain what gravity does not.
     pub payload: Option<Payload>,
     /// How well the conventions explain the log.
     pub fits: Fits,
 }
 
 impl Fit {
-    /// How far the slope is from what the convention says it is.
+    /// Distance of the slope from that under the convention: 1 with gravity, 0 without.
     fn off_slope(&self) -> f64 {
         let expected = if self.gravity == Gravity::Included { 1.0 } else { 0.0 };
         (self.slope - expected).abs()
@@ -107,7 +107,7 @@ impl Fits {
         self.at_rest && self.has_enough_gravity() && self.best.residual > most
     }
 
-    /// Takes the sign that the work of torques without gravity shows.
+    /// Takes the sign found from work, if the torques contain no gravity or gravity is too small to decide.
     pub(super) fn with_sign_by_work(mut self, sign: Option<TorqueSign>) -> Self {
         let both = [self.set, self.best];
         let without_gravity = both.iter().all(|fit| fit.gravity == Gravity::Removed);
@@ -119,7 +119,7 @@ impl Fits {
         self
     }
 
-    /// Whether another convention is right than the one that is set.
+    /// Whether another convention than that of the settings is right.
     pub(super) fn contradict(&self) -> bool {
         let other =
             (self.best.torque_sign, self.best.gravity) != (self.set.torque_sign, self.set.gravity);
@@ -137,7 +137,7 @@ impl Fits {
     }
 }
 
-/// The means over the still starts, or some frames if there are none.
+/// The means over the starts at rest, or some frames if there are none.
 pub(super) fn rests(touches: &[RecordedTouch], still_rad: f64) -> Rests {
     let starts: Vec<Sample> = (touches.iter())
         .filter_map(|touch| {
@@ -191,8 +191,8 @@ pub(super) fn fits(
     Fits { set: all[0], best, gravity_torque, at_rest: rests.still, by_work: false, n_joints }
 }
 
-/// Joints whose torques at rest have the sign of gravity's, and those with the opposite sign; `None` if all are alike, or
-/// negating the smaller group does not fit gravity far better.
+/// Joints whose torques at rest have the sign of gravity's, and those with the opposite sign; `None` if all have the
+/// same sign, or negating the smaller group does not fit gravity far better.
 pub(super) fn by_sign(
     robot: &Robot,
     rests: &Rests,
@@ -208,7 +208,7 @@ pub(super) fn by_sign(
             Some((robot.gravity_torque(&poses).as_slice().to_vec(), &rest.tau))
         })
         .collect();
-    // Of the slope of a joint's torques on gravity: 0 if gravity hardly loads it, or does not explain them.
+    // Sign of the slope of a joint's torques on gravity: 0 if gravity hardly loads it, or does not explain them.
     let sign = |joint: usize| {
         let sum = |of: fn(f64, f64) -> f64| -> f64 {
             torques.iter().map(|(gravity, tau)| of(gravity[joint], tau[joint])).sum()
@@ -261,7 +261,7 @@ pub(super) fn other_order(
         .min_by(|(_, a), (_, b)| a.best.residual.total_cmp(&b.best.residual))
 }
 
-/// Orders that happen: reversed, turned round (a base or gripper first), two joints swapped.
+/// Orders that occur in practice: reversed, rotated (a base or gripper first), two joints swapped.
 fn orders(n: usize) -> impl Iterator<Item = Vec<usize>> {
     let reversed = std::iter::once((0..n).rev().collect());
     let turned = (1..n).map(move |by| (0..n).map(|joint| (joint + by) % n).collect());

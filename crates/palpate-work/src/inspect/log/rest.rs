@@ -1,5 +1,4 @@
-//! What the figures of the touches show that looks wrong: contacts, starts, tares, noise, pushes,
-//! ends.
+//! Findings from the figures of the touches: contacts, starts, tares, noise, pushes, ends.
 
 use palpate::unstable::{Joint, JointKind};
 use palpate::{Gravity, MIN_TARE_FRAMES, Robot, Tare};
@@ -10,21 +9,22 @@ use super::figures::{NO_NOISE, TouchFacts};
 use super::reading::Fits;
 use crate::quantile::median;
 
-/// A touch below this says little, N·m over all joints.
+/// A touch whose external torque stays below this teaches little, N·m over all joints.
 const WEAK: f64 = 1.0;
 
-/// What is looked at.
+/// Figures of touches, and what is needed to judge them.
 pub(super) struct Figured<'a> {
     pub robot: &'a Robot,
     pub touches: &'a [TouchFacts],
     pub tare: Tare,
-    /// Whether the arm was identified, which takes the place of a tare.
+    /// Whether the arm was identified, so that no tare is needed.
     pub is_identified: bool,
-    /// How well gravity explains the convention that the figures were found under.
+    /// How well the conventions explain the log; the figures are under the accepted one.
     pub fits: &'a Fits,
 }
 
-/// How much of a torque is unusual at a joint: so much, or a part of what it can bear.
+/// Torque from which on a value is unusual at a joint: `torque`, N·m, or the share `part` of its
+/// effort limit, if larger. For a prismatic joint, ten times `torque`, N.
 fn unusual(joint: &Joint, torque: f64, part: f64) -> f64 {
     let torque = if joint.kind == JointKind::Prismatic { 10.0 * torque } else { torque };
     torque.max(part * joint.effort.unwrap_or(0.0))
@@ -37,14 +37,14 @@ fn passes_by(touch: &TouchFacts) -> bool {
 }
 
 impl Figured<'_> {
-    /// Everything that looks wrong; `nothing` if the log touches no point of the lattice, and then
-    /// within what box its last link `moves`.
+    /// Everything that looks wrong. `nothing` is the message if no frame touches the lattice;
+    /// `moves` is the box in which the last link moves, in words.
     pub(super) fn findings(&self, nothing: Option<String>, moves: Option<String>) -> Vec<Finding> {
         let mut findings = Vec::from_iter(self.no_contact(nothing, moves));
         findings.extend(self.no_start());
         findings.extend(self.moving_tare());
         findings.extend(self.never_moves());
-        // Else a bias is gravity's fault.
+        // With a misfit, offsets at rest come from gravity.
         if !self.fits.misfit() {
             findings.extend(self.bias());
             findings.extend(self.weak());
@@ -60,7 +60,8 @@ impl Figured<'_> {
         self.touches.iter().filter(|touch| !passes_by(touch))
     }
 
-    /// A finding in touches that show it; `what` ends before their names.
+    /// A warning about the touches `shown`; `None` if there are none. The message is `what`,
+    /// followed by their names.
     fn in_touches<'b>(
         &self,
         shown: impl Iterator<Item = &'b TouchFacts>,
@@ -76,7 +77,7 @@ impl Figured<'_> {
         Some(Finding::warning(code, format!("{what} {these}"), remedy).in_touches(&names))
     }
 
-    /// The same in those of the judged touches that show it.
+    /// A warning about those judged touches that meet a condition.
     fn shown(
         &self,
         shows: impl Fn(&TouchFacts) -> bool,
@@ -119,7 +120,8 @@ impl Figured<'_> {
         self.shown(shows, ("no_start", &what, remedy)).map(Finding::refused)
     }
 
-    /// The frames that were asked for as tare, against what the arm does in them.
+    /// Checks that the touches have the frames that are given for the tare, and that the arm stands
+    /// still in them.
     fn moving_tare(&self) -> Option<Finding> {
         let Tare::Frames(wanted) = self.tare else { return None };
         let what = format!("fewer frames than --tare-frames {wanted} in");
@@ -138,14 +140,14 @@ impl Figured<'_> {
         let what = "the arm never leaves its start in";
         let remedy = "nothing can be learnt from it; check the unit (--angle-unit), or leave the \
                       touch out";
-        // A refused touch is known only up to that sample, so short ones are not judged.
+        // A touch with a refused sample is known only up to there, so short ones are not judged.
         let shows = |touch: &TouchFacts| {
             touch.start_frames == touch.frames && touch.frames >= 2 * MIN_TARE_FRAMES as usize
         };
         self.shown(shows, ("never_moves", what, remedy))
     }
 
-    /// Torques at rest that no sensor is off by.
+    /// Tares that are too large to be the bias of a sensor.
     fn bias(&self) -> Vec<Finding> {
         let of_joint = |(j, joint): (usize, &Joint)| {
             let least = unusual(joint, 1.0, 0.02);
@@ -171,7 +173,8 @@ impl Figured<'_> {
         self.robot.joints().iter().enumerate().filter_map(of_joint).collect()
     }
 
-    /// The noise of a joint in every touch in which it is known.
+    /// Standard deviation of a joint's torque at rest, N·m, for each judged touch in which it is
+    /// known.
     fn noise(&self, joint: usize) -> Vec<f64> {
         self.judged().filter_map(|touch| Some(touch.noise_std.as_ref()?[joint])).collect()
     }
@@ -216,7 +219,7 @@ impl Figured<'_> {
         self.shown(shows, ("weak_touch", &what, remedy)).map(Finding::noted)
     }
 
-    /// Torques that stay although the arm is back where it began.
+    /// Torques that remain at the end although the arm is back where it began.
     fn drift(&self) -> Option<Finding> {
         let left = |touch: &TouchFacts| {
             let end = touch.end_external.as_ref()?;

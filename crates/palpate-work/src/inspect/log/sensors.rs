@@ -1,4 +1,4 @@
-//! Torques that a sensor cannot have meant: that stand still while the arm moves, or are cut off.
+//! Torques that cannot be measurements: constant while the arm moves, or cut off at a value.
 
 use std::collections::HashMap;
 
@@ -10,21 +10,24 @@ use super::farthest;
 use crate::quantile::{extremes, median, quantile};
 use crate::touches::RecordedTouch;
 
-/// A column must be this long before standing still means anything.
+/// Fewest frames of a touch in which a constant torque counts as frozen.
 const FROZEN_FRAMES: usize = 10;
-/// A torque that stood still for so many frames, and for so many times as long as is usual for its
-/// sensor, which may be slower than the log, was stuck.
+/// A torque was stuck if it was constant for at least this many frames, and for this multiple of
+/// the 90 % quantile of its constant runs (its sensor may be slower than the log),
 const STUCK_FRAMES: usize = 20;
 const STUCK_TIMES: f64 = 10.0;
-/// If meanwhile the arm went as far, rad or m.
+/// and if a joint moved by more than this meanwhile, rad or m,
 const STUCK_MOVES: f64 = 0.01;
-/// And if it then went on by so many of its usual steps: a coarse sensor takes one.
+/// and if its next step was larger than this multiple of the median step, since a coarse sensor
+/// makes one.
 const STUCK_JUMP: f64 = 3.0;
-/// Steps in which a torque stays at its largest value to the last bit although the arm moves.
+/// A torque is cut off if it stays at its largest or smallest value, to the last bit, for at least
+/// this many steps in which the arm moves,
 const CUT_STEPS: usize = 5;
-/// So many times those at any other value, of which a coarse sensor has some.
+/// and for more than this multiple of such steps at any other value, of which a coarse sensor has
+/// some.
 const CUT_TIMES: usize = 4;
-/// At this part of the effort limit a sensor may be saturated.
+/// Share of the effort limit from which on a sensor may be saturated.
 const SATURATED: f64 = 0.99;
 
 /// Everything that looks wrong; without a robot, joints have no effort limits.
@@ -80,7 +83,7 @@ pub(super) fn is_frozen(touch: &RecordedTouch, joint: usize) -> bool {
         && !(0..touch.n_joints()).all(|joint| constant(&|sample| sample.q[joint]))
 }
 
-/// Torques that stand still for a part of a touch although the arm moves.
+/// Torques that are constant for a part of a touch although the arm moves.
 fn stuck(touches: &[&RecordedTouch], (joint, name): (usize, &str)) -> Option<Finding> {
     let mut places: Vec<(&str, String)> = Vec::new();
     for touch in touches.iter().filter(|touch| !is_frozen(touch, joint)) {
@@ -116,7 +119,7 @@ fn stuck(touches: &[&RecordedTouch], (joint, name): (usize, &str)) -> Option<Fin
     Some(Finding::at_places("stuck_torque", &places, what, remedy)?.at(&[name]))
 }
 
-/// Torques as large as the joint has.
+/// Torques that reach the effort limit of the joint.
 fn saturated(
     touches: &[&RecordedTouch],
     (joint, name): (usize, &str),
@@ -127,7 +130,7 @@ fn saturated(
     capped(touches, name, ("saturation", &what), is_full)
 }
 
-/// Torques that end at one value, below what the joint has.
+/// Torques that are cut off at a value, below the effort limit of the joint.
 fn cut_off(touches: &[&RecordedTouch], (joint, name): (usize, &str)) -> Option<Finding> {
     let torque = |sample: &Sample| sample.tau[joint];
     let samples = || touches.iter().flat_map(|touch| &touch.samples);
@@ -155,7 +158,7 @@ fn cut_off(touches: &[&RecordedTouch], (joint, name): (usize, &str)) -> Option<F
     capped(touches, name, ("clipped_torque", &what), is_there)
 }
 
-/// Torques beyond which nothing is measured.
+/// A warning about frames with capped torques; `None` if there are none.
 fn capped(
     touches: &[&RecordedTouch],
     name: &str,

@@ -17,7 +17,8 @@ const SUSPICIOUS_RAD: f64 = 2.0 * TAU;
 /// Beyond four turns they are degrees if gravity does not say otherwise.
 const SURELY_RAD: f64 = 4.0 * TAU;
 
-/// Converts the touches to radians if they were read in the wrong unit, and says so; a warning, if that unit was given.
+/// Converts the touches to radians if they were read in the wrong unit, and returns the right unit with a finding,
+/// which is a warning if the wrong unit was given.
 pub(super) fn correct(
     touches: &mut [RecordedTouch],
     robot: &Robot,
@@ -43,8 +44,8 @@ pub(super) fn correct(
     (unit, Some(finding))
 }
 
-/// Why touches that were read as radians are in degrees, if they are; then they are radians. Never of an arm with a
-/// prismatic joint, whose metres are neither.
+/// The reason why touches that were read as radians are in degrees, if they are; they are then converted to radians.
+/// `None` for an arm with a prismatic joint, whose positions are in m.
 pub(crate) fn are_degrees(
     touches: &mut [RecordedTouch],
     robot: &Robot,
@@ -54,8 +55,8 @@ pub(crate) fn are_degrees(
     found.flatten().map(|(_, what)| what)
 }
 
-/// Whether touches that were read as radians are in radians for certain: half of the samples stay within a turn, and gravity fits far
-/// worse in degrees.
+/// Whether touches that were read as radians are in radians for certain: half of the samples stay within a turn, and
+/// gravity fits far worse in degrees.
 pub(crate) fn are_radians(
     touches: &mut [RecordedTouch],
     robot: &Robot,
@@ -70,7 +71,8 @@ fn slides(robot: &Robot) -> bool {
     robot.joints().iter().any(|joint| joint.kind == JointKind::Prismatic)
 }
 
-/// The unit that touches are in, if it is not the one they were read in, and why; then they are radians.
+/// The unit of touches and the reason, if it is not the one in which they were read; they are then converted to
+/// radians.
 fn other_unit(
     touches: &mut [RecordedTouch],
     robot: &Robot,
@@ -79,7 +81,7 @@ fn other_unit(
 ) -> Option<(AngleUnit, String)> {
     let turns: Vec<bool> =
         robot.joints().iter().map(|joint| joint.kind != JointKind::Prismatic).collect();
-    // Half of the samples have such an angle, so that a broken one has no effect.
+    // The median over samples, so that a broken one has no effect.
     let largest_of = |sample: &Sample| {
         let angles = sample.q.iter().zip(&turns).filter(|at| *at.1);
         angles.map(|(angle, _)| angle.abs()).fold(0.0, f64::max)
@@ -90,7 +92,7 @@ fn other_unit(
         AngleUnit::Rad => {
             (1.0_f64.to_radians(), AngleUnit::Deg, largest > SUSPICIOUS_RAD, largest > SURELY_RAD)
         }
-        // Read as degrees, a whole turn of radians is a tenth of one.
+        // A whole turn in radians, read as degrees, is 0.11 rad.
         AngleUnit::Deg => {
             let suspicious = largest > 0.0 && largest < TAU.to_radians();
             (1.0_f64.to_degrees(), AngleUnit::Rad, suspicious, false)

@@ -1,4 +1,4 @@
-//! Where on a link each pressed point of the body sticks, and how far it slipped.
+//! Anchors: the places on links where points of the body stick, and how they slip.
 
 use nalgebra::{Point3, Vector3};
 
@@ -7,7 +7,7 @@ use crate::elastic::contact::{Anchor, PlacedLink, deepest};
 use crate::elastic::pose::Pose;
 
 impl Equilibrium {
-    /// How far a point is from its anchor on a link, m, and how hard it was pressed, N.
+    /// Offset of a point from its anchor on a link, m, and its last normal force, N.
     pub(super) fn offset(
         &self,
         point: usize,
@@ -23,7 +23,7 @@ impl Equilibrium {
         }
     }
 
-    /// Takes note of the points that meet or leave a link, and of how hard each is pressed.
+    /// Updates which points touch a link, and their normal forces.
     pub(super) fn update_anchors(
         &mut self,
         placed: &[PlacedLink<'_>],
@@ -52,7 +52,7 @@ impl Equilibrium {
         }
     }
 
-    /// Moves the anchors of points that slipped after them.
+    /// Moves the anchors of slipped points, so that the offsets stay within the friction cone.
     pub(super) fn slide_anchors(&mut self, placed: &[PlacedLink<'_>], near: &[Vec<u16>]) {
         let posed = self.posed();
         self.update_anchors(placed, near, &posed);
@@ -68,7 +68,8 @@ impl Equilibrium {
             let slip = offset - normal * normal.dot(&offset);
             let slip = slip / self.config.yields(mobilities[point.segment], self.substep_s);
             let longest = self.config.longest_slip_m(anchor.pressed_n);
-            // The anchor keeps the height of its point: only what is across counts.
+            // Only the tangential offset is limited: along the normal, the anchor follows its
+            // point.
             let kept = if slip.norm() > longest { slip * (longest / slip.norm()) } else { slip };
             anchor.place_link = link.link_from_world * (at - kept);
         }

@@ -25,7 +25,7 @@ impl Equilibrium {
         energy
     }
 
-    /// Every point of the body that is in a link: where it is, m, and what resists there.
+    /// Calls `then` for every point of the body inside a link, with its position, m, and energy.
     pub(super) fn each_pressed(
         &self,
         placed: &[PlacedLink<'_>],

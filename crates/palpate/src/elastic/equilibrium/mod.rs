@@ -1,10 +1,9 @@
-//! Where a body comes to rest against an arm: non-linear statics, warm-started from the sample before.
+//! Static equilibrium of a body against an arm: non-linear, warm-started from the previous sample.
 //!
-//! The energy is that of the joints' springs, `½ k θ²` with θ the angle of the joint's rotation, and of
-//! the contacts ([`super::contact`]). Newton's method with the curvature of both (that of the springs
-//! without the part that would make it negative), each step solved by [`super::tree`], with a line search.
-//! Rotations are exact: a branch that bends moves on an arc, and that is where the gain over springs by
-//! point comes from.
+//! The energy is that of the joints' springs, `½ k θ²` with θ the angle of the joint's rotation, and of the contacts
+//! ([`super::contact`]). It is minimised by Newton's method with a line search; each step is solved by [`super::tree`].
+//! The curvature is that of both energies (for the springs without the part that could make it negative). Rotations are
+//! exact: a branch that bends moves on an arc, which is the main advantage over springs of single points.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -23,11 +22,11 @@ mod energy;
 #[cfg(test)]
 mod tests;
 
-/// Distance between points of the body that are asked for contact, m.
+/// Distance between points of the body that are tested for contact, m.
 const SAMPLE_SPACING_M: f64 = 0.006;
-/// Such points of a block along its side.
+/// Number of tested points along the side of a block.
 const BLOCK_POINTS: f64 = 3.0;
-/// Links farther than this from a segment are not looked at in a sub-step, m.
+/// Links farther than this from a segment are not tested in a sub-step, m.
 const REACH_M: f64 = 0.03;
 /// Longest motion of a link in a sub-step, m.
 const SUBSTEP_M: f64 = 0.004;
@@ -35,11 +34,11 @@ const SUBSTEP_M: f64 = 0.004;
 const STRIDE_M: f64 = 0.01;
 /// Largest turn of a joint in an iteration, rad.
 const TURN_RAD: f64 = 0.4;
-/// Iterations of a sub-step, at most.
+/// Largest number of iterations of a sub-step.
 const ITERATIONS: u32 = 25;
-/// A step that lowers the energy by less than this, J, is the last.
+/// The iteration ends when the Newton decrement is below this, J, plus [`SETTLED_SHARE`] of the energy.
 const SETTLED_J: f64 = 1e-9;
-/// The same as a share of the energy.
+/// See [`SETTLED_J`].
 const SETTLED_SHARE: f64 = 1e-6;
 
 /// A point of the body that may meet a link.
@@ -51,16 +50,16 @@ struct SurfacePoint {
     radius_m: f64,
 }
 
-/// How a motion went.
+/// Convergence of a motion.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Settled {
-    /// Newton steps.
+    /// Number of Newton steps.
     pub iterations: u32,
-    /// Sub-steps that had not come to rest when their iterations were used up.
+    /// Number of sub-steps that did not converge.
     pub unsettled: u32,
 }
 
-/// A body against an arm.
+/// A body in contact with an arm.
 #[derive(Debug, Clone)]
 pub struct Equilibrium {
     arm: Arc<Arm>,
@@ -70,18 +69,18 @@ pub struct Equilibrium {
     /// Points of segment `i`: `first[i]..first[i + 1]`.
     first: Vec<usize>,
     state: State,
-    /// Where the links were.
+    /// Poses of the links at the previous position.
     before: Option<Vec<Isometry3<f64>>>,
-    /// How long the sub-step takes that is being made, s; 0 between them.
+    /// Duration of the present sub-step, s; 0 between sub-steps.
     substep_s: f64,
 }
 
 #[derive(Debug, Clone)]
 struct State {
     joints: Joints,
-    /// By point.
+    /// Anchors, by point.
     anchors: Vec<Option<Anchor>>,
-    /// Points that were in a link when the touch began: the picture or the skin is wrong there.
+    /// Points that were inside a link when the touch began: the shape of body or link is wrong there.
     ignored: Vec<bool>,
 }
 
@@ -138,13 +137,13 @@ impl Equilibrium {
         &self.arm
     }
 
-    /// Begins a touch: the body is as it was at first.
+    /// Begins a touch: the body is at rest.
     pub fn begin_touch(&mut self) {
         self.state = State::at_rest(self.body.segments().len(), self.points.len());
         self.before = None;
     }
 
-    /// Where the segments are: start and end of each, m, world frame.
+    /// Start and end of each segment, m, world frame.
     pub fn segments_m(&self) -> Vec<[Point3<f64>; 2]> {
         let posed = self.posed();
         let ends = |(index, part): (usize, &Segment)| {
@@ -153,12 +152,12 @@ impl Equilibrium {
         self.body.segments().iter().enumerate().map(ends).collect()
     }
 
-    /// Moves the arm's links on, which takes a time, s, and lets the body come to rest. The time matters
-    /// only to contacts that creep; clocks that stand, go back or give no number count as no time. If
-    /// nobody knows the time, the arm moves at [`ElasticContactConfig::speed_m_per_s`].
+    /// Moves the arm's links to these poses within `time_s` and computes the equilibrium of the body. The time matters
+    /// only for contacts that creep; a time that is 0, negative or NaN counts as 0. Without a time, the arm moves at
+    /// [`ElasticContactConfig::speed_m_per_s`].
     ///
-    /// The first position of a touch is taken to be free of the body: points of it that are in a link
-    /// there are left out until the next touch.
+    /// At the first position of a touch the arm counts as free of contact: points of the body that are inside a link
+    /// there are ignored until the next touch.
     pub fn advance(&mut self, links: &[Isometry3<f64>], time_s: Option<f64>) -> Settled {
         let Some(before) = self.before.replace(links.to_vec()) else {
             self.ignore_what_is_in_the_arm(links);
@@ -206,7 +205,7 @@ impl Equilibrium {
         torques
     }
 
-    /// Leaves out, until the next touch, the points that are in a link now.
+    /// Ignores, until the next touch, the points that are inside a link now.
     fn ignore_what_is_in_the_arm(&mut self, links: &[Isometry3<f64>]) {
         let placed = placed(&self.arm, links);
         let posed = self.posed();
@@ -224,7 +223,7 @@ impl Equilibrium {
         Pose::of(&self.body, &self.state.joints)
     }
 
-    /// For each segment the links, by their place in `placed`, that it could meet in a sub-step.
+    /// For each segment, the links that it could touch in a sub-step, as indices into `placed`.
     fn near(&self, placed: &[PlacedLink<'_>], posed: &Pose) -> Vec<Vec<u16>> {
         let segments = self.body.segments().iter().enumerate();
         let near = segments.map(|(index, segment)| {
@@ -237,7 +236,7 @@ impl Equilibrium {
         near.collect()
     }
 
-    /// Lets the body come to rest against links that stand still.
+    /// Computes the equilibrium of the body against links at fixed poses.
     fn settle(&mut self, links: &[Isometry3<f64>], settled: &mut Settled) {
         let arm = Arc::clone(&self.arm);
         let placed = placed(&arm, links);
@@ -268,7 +267,7 @@ impl Equilibrium {
         self.slide_anchors(&placed, &near);
     }
 
-    /// Takes as much of a Newton step as lowers the energy, or nothing of it; returns the energy then, J.
+    /// Makes the part of a Newton step that lowers the energy, or no step; returns the energy after it, J.
     fn line_search(
         &mut self,
         placed: &[PlacedLink<'_>],
@@ -305,7 +304,7 @@ impl Equilibrium {
     }
 }
 
-/// The links that have a surface, where they are.
+/// The links with a surface, at these poses.
 fn placed<'a>(arm: &'a Arm, links: &[Isometry3<f64>]) -> Vec<PlacedLink<'a>> {
     let links = arm.surfaces.iter().zip(links).enumerate();
     links
