@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use palpate::{EstimatorKind, Mapper, MapperConfig};
-use palpate_io::field::{Saved, save};
+use palpate_io::field::{SavedField, save};
 use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, load_arm};
 
@@ -51,7 +51,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let field = mapper.field();
     let stiffest = field.stiffness_n_per_m.iter().copied().fold(0.0, f64::max);
     println!("{} cells touched, the stiffest {stiffest:.1} N/m", field.cells.len());
-    save(&output, &Saved::of_mapper(&mapper))?;
+    save(&output, &SavedField::of_mapper(&mapper))?;
     println!("saved to {}", output.display());
     Ok(())
 }

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use palpate::{EstimatorKind, Mapper, MapperConfig, Predictor, Sample};
 use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, load_arm};
-use palpate_learn::errors::{ErrorSum, Errors};
+use palpate_learn::torque_errors::{ErrorSum, TorqueErrors};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let data = Path::new("data/plant_a");
@@ -40,7 +40,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             println!("{number:5} {:9.2} {:10.2}", said.external.norm(), said.predicted.norm());
         }
     }
-    let relative = |errors: Option<Errors>| errors.and_then(|e| e.avg_relative).unwrap_or(f64::NAN);
+    let relative =
+        |errors: Option<TorqueErrors>| errors.and_then(|e| e.avg_relative).unwrap_or(f64::NAN);
     let (field, zero) = (relative(sum.errors()), relative(sum.zero()));
     println!("average relative error {field:.2}, of predicting zero {zero:.2}");
     assert!(field < zero, "a map must be better than no map");

@@ -42,9 +42,9 @@ import numpy as np
 from simulated_arm_logs import GEN3, Arm
 
 VELOCITY_CUTOFF_HZ = 10.0
-LEAST_PRESLIDING = 1e-9  # rad
+MIN_PRESLIDING = 1e-9  # rad
 DIFFERENCE_S = 1e-5  # step of the derivative of M along the motion
-MOST_LAG_S = 1.0
+MAX_LAG_S = 1.0
 ALARM_S = 0.5  # crossings of the threshold within this time are one alarm
 CAUSAL = {"palpate": ["--causal"]} | {f"palpate, {hz} Hz": ["--causal", "--bandwidth-hz", str(hz)] for hz in (8, 4, 2)}
 VARIANTS = CAUSAL | {"palpate, not causal": []}
@@ -95,7 +95,7 @@ def friction(joints, q, v):
     both ends of what it can be at the start, as in palpate."""
     value = lambda key: np.array([joint["friction"][key] for joint in joints])
     ends, states = np.array([[-1.0], [1.0]]) * np.ones(len(joints)), np.zeros_like(q)
-    for k, step in enumerate(np.diff(q, axis=0) / np.maximum(value("presliding"), LEAST_PRESLIDING), start=1):
+    for k, step in enumerate(np.diff(q, axis=0) / np.maximum(value("presliding"), MIN_PRESLIDING), start=1):
         ends = np.clip(ends + step, -1, 1)
         states[k] = ends.mean(axis=0)
     coulomb = value("coulomb") + value("breakaway") * np.exp(-np.abs(v) / value("stribeck"))
@@ -189,7 +189,7 @@ def recordings(args):
 def lag_s(estimates, contact):
     """The lag behind the true external torques at which the estimates correlate best with them."""
     period = np.median(np.diff(contact[0].t))
-    lags = np.arange(round(MOST_LAG_S / period) + 1)
+    lags = np.arange(round(MAX_LAG_S / period) + 1)
     fit = [sum((e[lag:] * c.external[: len(c.t) - lag]).sum() for e, c in zip(estimates, contact)) for lag in lags]
     best = int(np.argmax(fit))
     if 0 < best < lags[-1]:  # the top of a parabola through three samples

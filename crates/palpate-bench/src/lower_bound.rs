@@ -41,7 +41,7 @@ const VISIT_OPERATIONS: f64 = 23.0;
 /// Size of the buffer that is read, bytes: far larger than the caches of most machines.
 const BUFFER_BYTES: usize = 256 << 20;
 /// Smallest size of the buffer that is tried if memory is short, bytes.
-const LEAST_BUFFER_BYTES: usize = 16 << 20;
+const MIN_BUFFER_BYTES: usize = 16 << 20;
 /// Number of sweeps over the buffer; their median counts.
 const SWEEPS: usize = 15;
 /// Number of independent sums, so that the memory limits the time and not the additions.
@@ -114,8 +114,7 @@ fn bandwidth_gb_per_s() -> f64 {
 fn buffer() -> Vec<u64> {
     let mut buffer = Vec::new();
     let mut bytes = BUFFER_BYTES;
-    while buffer.try_reserve_exact(bytes / size_of::<u64>()).is_err() && bytes > LEAST_BUFFER_BYTES
-    {
+    while buffer.try_reserve_exact(bytes / size_of::<u64>()).is_err() && bytes > MIN_BUFFER_BYTES {
         bytes /= 2;
     }
     // Pages that were never written all map to the same page of zeros, which stays in a cache.

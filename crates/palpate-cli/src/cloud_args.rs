@@ -9,7 +9,7 @@ use palpate_io::body;
 use palpate_io::cloud::{self, Cloud};
 use palpate_io::rgbd;
 use palpate_learn::body::ObjectHints;
-use palpate_work::elastic::{self, SeenCloud};
+use palpate_work::elastic::{self, CloudWithViewpoint};
 use palpate_work::settings::{pair, vector3};
 
 use crate::error::CliError;
@@ -68,7 +68,7 @@ impl CloudArgs {
             return Err(CliError::Usage(ambiguous.to_owned()));
         }
         let seen = clouds.iter().map(|path| Ok((self.read(path, output)?, self.viewpoint(path)?)));
-        let seen: Vec<SeenCloud> = seen.collect::<Result<_, CliError>>()?;
+        let seen: Vec<CloudWithViewpoint> = seen.collect::<Result<_, CliError>>()?;
         let bodies = match given {
             Some(body) => vec![Arc::new(body)],
             None => {

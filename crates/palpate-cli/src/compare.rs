@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use palpate_io::field::{self, Saved};
-use palpate_learn::change::moved::{Motion, moved};
+use palpate_io::field::{self, SavedField};
+use palpate_learn::change::moved::{ObjectMotion, moved};
 use palpate_learn::change::{Change, Comparison};
-use palpate_work::change::{Report, compare};
+use palpate_work::change::{ComparisonReport, compare};
 
 use crate::error::CliError;
 use crate::interrupt;
@@ -62,11 +62,11 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let report = compare(&arm, &saved, touch, touches, output)?;
     if let Some(path) = &args.moved {
         match report.together.change {
-            Change::Moved(motion) if motion.is_least() => output.note(
+            Change::Moved(motion) if motion.is_at_search_bound() => output.note(
                 "the motion lies on the border of what is searched, so no moved field is written",
             ),
             Change::Moved(motion) => {
-                let moved = Saved::of_field(moved(&saved.field, motion), &saved.robot);
+                let moved = SavedField::of_field(moved(&saved.field, motion), &saved.robot);
                 place::save(path, &moved)?;
             }
             _ => output.note(
@@ -78,7 +78,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 }
 
 /// The report as text.
-fn text(report: &Report) -> String {
+fn text(report: &ComparisonReport) -> String {
     let header =
         ["touch", "known", "contradiction", "error", "repeated", "scaled", "moved", "change"];
     let row = |name: &str, own: &Comparison| {
@@ -112,8 +112,8 @@ fn change_in_words(comparison: &Comparison) -> String {
         Change::Unchanged => "unchanged".to_owned(),
         Change::Unknown => "touches little that the field knows".to_owned(),
         Change::Moved(motion) => {
-            let Motion { shift_m: [x, y, z], turn_rad, .. } = motion;
-            let least = if motion.is_least() { "at least " } else { "" };
+            let ObjectMotion { shift_m: [x, y, z], turn_rad, .. } = motion;
+            let least = if motion.is_at_search_bound() { "at least " } else { "" };
             let (shift, turn) = (100.0 * x.hypot(y), turn_rad.to_degrees());
             let [x, y, z] = [x, y, z].map(|own| 100.0 * own);
             format!("moved by {least}{shift:.1} cm ({x:.1}, {y:.1}, {z:.1}), turned by {turn:.0}°")

@@ -1,7 +1,7 @@
 //! An evaluation and a scene made up for tests: three touches, four methods, an arm of two links.
 
 use palpate::{Arm, BakeConfig, ContactConfig, ExternalTorqueConfig, Field, Lattice, Robot};
-use palpate_learn::evaluation::{Evaluation, LeftOut, Prediction, Summary};
+use palpate_learn::evaluation::{Evaluation, HeldOutTouch, MethodPrediction, MethodSummary};
 
 /// Each method, and the share of the torque that it predicts.
 const METHODS: [(&str, f64); 4] = [("map", 0.7), ("gp", 0.2), ("knn", -0.1), ("zero", 0.0)];
@@ -11,17 +11,18 @@ const JOINTS: usize = 7;
 /// Touches that push in and come back, at 20 Hz; some names contain HTML, which pages must escape.
 pub(crate) fn evaluation() -> Evaluation {
     let names = ["first", "second <touch>", "third </script>"];
-    let touches: Vec<LeftOut> = names.iter().enumerate().map(|(n, name)| touch(n, name)).collect();
+    let touches: Vec<HeldOutTouch> =
+        names.iter().enumerate().map(|(n, name)| touch(n, name)).collect();
     let rows = METHODS.iter().enumerate();
     Evaluation {
         joint_names: (1..=JOINTS).map(|joint| format!("joint_{joint}")).collect(),
         against: "truth".to_owned(),
-        methods: rows.map(|(index, (name, _))| Summary::new(name, index, &touches)).collect(),
+        methods: rows.map(|(index, (name, _))| MethodSummary::new(name, index, &touches)).collect(),
         touches,
     }
 }
 
-fn touch(number: usize, name: &str) -> LeftOut {
+fn touch(number: usize, name: &str) -> HeldOutTouch {
     let push = |frame: usize| (frame as f64 / FRAMES as f64 * std::f64::consts::PI).sin();
     let frame = |frame: usize| -> Vec<f64> {
         let phase = |joint: usize| (joint as f64 * 1.3 + number as f64).sin();
@@ -30,9 +31,9 @@ fn touch(number: usize, name: &str) -> LeftOut {
     let external: Vec<Vec<f64>> = (0..FRAMES).map(frame).collect();
     let predicted = |&(method, part): &(&str, f64)| {
         let scale = |tau: &Vec<f64>| tau.iter().map(|tau| part * tau).collect();
-        Prediction::new(method, external.iter().map(scale).collect(), &external)
+        MethodPrediction::new(method, external.iter().map(scale).collect(), &external)
     };
-    LeftOut {
+    HeldOutTouch {
         name: name.to_owned(),
         fold: number,
         time_s: (0..FRAMES).map(|frame| 0.05 * frame as f64).collect(),

@@ -78,10 +78,10 @@ enum Format {
 }
 
 /// If a joint moves less, rad or m, its load and its friction are hardly determined.
-const LEAST_TRAVEL: f64 = 0.1;
+const MIN_TRAVEL: f64 = 0.1;
 
 /// Largest number of points of a file.
-const MOST_POINTS: f64 = 1e6;
+const MAX_POINTS: f64 = 1e6;
 
 /// Names joints that hardly move.
 fn note_nearly_still(robot: &Robot, found: &Excitation, output: &Output) {
@@ -89,7 +89,7 @@ fn note_nearly_still(robot: &Robot, found: &Excitation, output: &Output) {
         let at = found.points.iter().map(|point| point[0][j]);
         extremes(at).map_or(0.0, |[low, high]| high - low)
     };
-    let names = robot.joint_names().enumerate().filter(|(j, _)| way(*j) < LEAST_TRAVEL);
+    let names = robot.joint_names().enumerate().filter(|(j, _)| way(*j) < MIN_TRAVEL);
     let names: Vec<&str> = names.map(|(_, name)| name).collect();
     if !names.is_empty() {
         output.note(&format!(
@@ -127,9 +127,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     };
     // A slowed motion keeps its points per second, so it is computed with more of them.
     config.rate_hz *= args.slow_down;
-    if config.rate_hz * config.duration_s > MOST_POINTS {
+    if config.rate_hz * config.duration_s > MAX_POINTS {
         return Err(CliError::Usage(format!(
-            "--slow-down, --duration and --rate-hz together ask for more than {MOST_POINTS} points; make one of them smaller"
+            "--slow-down, --duration and --rate-hz together ask for more than {MAX_POINTS} points; make one of them smaller"
         )));
     }
     let bar = output.begin(Some(config.tries as u64), "motions", "trying");

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use palpate_io::field::{self, Saved};
-use palpate_work::forget::{Which, forget, listed};
+use palpate_io::field::{self, SavedField};
+use palpate_work::forget::{TouchSelection, forget, listed};
 use palpate_work::held_joints::of_field;
 use palpate_work::robot;
 use serde_json::json;
@@ -60,9 +60,13 @@ pub(crate) struct Args {
 }
 
 impl Args {
-    fn which(&self) -> Which {
+    fn which(&self) -> TouchSelection {
         let corners = self.touched_box.as_deref().map(corners);
-        Which { names: self.touch.clone(), older_than: self.older_than, touched_box_m: corners }
+        TouchSelection {
+            names: self.touch.clone(),
+            older_than: self.older_than,
+            touched_box_m: corners,
+        }
     }
 }
 
@@ -79,7 +83,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let arm = robot::load(&settings.robot, output)?;
     let arm = of_field(arm, saved.snapshot.as_ref(), output);
     let (mapper, forgotten) = forget(&arm, (&saved, &name), &args.which(), output)?;
-    let without = Saved::of_mapper(&mapper);
+    let without = SavedField::of_mapper(&mapper);
     place::save(&args.output, &without)?;
     let touches = without.snapshot.as_ref().map_or(0, |own| own.sample_log.len());
     let cells = without.field.touched_rows().count();

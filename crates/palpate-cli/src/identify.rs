@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use palpate::Robot;
 use palpate_io::robot_files::with_inertia;
-use palpate_learn::identify::{Identified, JointEstimate, LEAST_MOTION, Value};
+use palpate_learn::identify::{Estimate, IdentifiedArm, JointEstimate, MIN_MOTION};
 use palpate_work::arm_file;
 use palpate_work::identify::{self, IdentifySettings};
 use serde_json::json;
@@ -111,7 +111,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 }
 
 /// The results as JSON, with payloads for controllers if the flange is known.
-fn json(found: &Identified, is_flange_known: bool) -> serde_json::Value {
+fn json(found: &IdentifiedArm, is_flange_known: bool) -> serde_json::Value {
     // Both payloads are in the frame of the flange, and only the user knows which link that is.
     let (libfranka, urscript) = if is_flange_known && found.payload.is_significant {
         (Some(set_load(found)), Some(set_payload(found)))
@@ -129,7 +129,7 @@ fn json(found: &Identified, is_flange_known: bool) -> serde_json::Value {
 fn urdf_of(
     settings: &crate::settings::Settings,
     robot: &Robot,
-    found: &Identified,
+    found: &IdentifiedArm,
 ) -> Result<String, CliError> {
     let name = settings.robot.name();
     let text = match Robot::built_in_urdf(name) {
@@ -143,14 +143,14 @@ fn urdf_of(
 }
 
 /// A value with its standard deviation as text; a dash if the logs do not determine it.
-fn pm(value: Value, digits: usize, is_found: bool) -> String {
+fn pm(value: Estimate, digits: usize, is_found: bool) -> String {
     if !is_found {
         return "-".to_owned();
     }
     format!("{:.digits$} ± {:.digits$}", value.value, value.std)
 }
 
-fn text(found: &Identified) -> String {
+fn text(found: &IdentifiedArm) -> String {
     let payload = &found.payload;
     let mut text = if payload.is_significant {
         let com = payload.com_m.map(|axis| pm(axis, 3, true)).join(", ");
@@ -164,7 +164,7 @@ fn text(found: &Identified) -> String {
         "Delay of the torques behind the positions: {} ms. Base parameters (combinations of masses): {} of {} are \
          known better than from the URDF.\n\n",
         pm(
-            Value { value: 1e3 * found.delay_s.value, std: 1e3 * found.delay_s.std },
+            Estimate { value: 1e3 * found.delay_s.value, std: 1e3 * found.delay_s.std },
             1,
             found.timed
         ),
@@ -176,7 +176,7 @@ fn text(found: &Identified) -> String {
 }
 
 /// A table with a row for each joint.
-fn joints(found: &Identified) -> String {
+fn joints(found: &IdentifiedArm) -> String {
     let head = [
         "joint",
         "Coulomb N·m",
@@ -186,7 +186,7 @@ fn joints(found: &Identified) -> String {
         "gain",
         "moved rad",
     ];
-    let moves = |joint: &JointEstimate| joint.moved >= LEAST_MOTION;
+    let moves = |joint: &JointEstimate| joint.moved >= MIN_MOTION;
     let rows = found.joints.iter().map(|joint| {
         vec![
             joint.name.clone(),
@@ -202,7 +202,7 @@ fn joints(found: &Identified) -> String {
 }
 
 /// The residuals on held-out motion.
-fn residuals(found: &Identified) -> String {
+fn residuals(found: &IdentifiedArm) -> String {
     let total = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>().sqrt();
     let held_out = &found.held_out;
     let text = format!(
@@ -231,7 +231,7 @@ fn residuals(found: &Identified) -> String {
 }
 
 /// The call of libfranka's `setLoad`: mass, centre in the flange's frame, inertia about the centre column by column.
-fn set_load(found: &Identified) -> String {
+fn set_load(found: &IdentifiedArm) -> String {
     let payload = &found.payload;
     let [x, y, z] = payload.com_m.map(|axis| axis.value);
     let inertia = payload.inertia_kg_m2.map(|row| row.map(|own| format!("{own:.6}")).join(", "));
@@ -240,7 +240,7 @@ fn set_load(found: &Identified) -> String {
 }
 
 /// The call of URScript's `set_target_payload`: mass, centre in the flange's frame, inertia xx, yy, zz, xy, xz, yz.
-fn set_payload(found: &Identified) -> String {
+fn set_payload(found: &IdentifiedArm) -> String {
     let payload = &found.payload;
     let [x, y, z] = payload.com_m.map(|axis| axis.value);
     let i = payload.inertia_kg_m2;

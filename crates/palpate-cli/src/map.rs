@@ -7,9 +7,9 @@ use std::time::{Duration, Instant};
 
 use palpate::unstable::{ElasticBody, ElasticModel};
 use palpate::{Arm, Calibration, EstimatorKind, Mapper, Sample, StepReport};
-use palpate_io::field::{self, Saved};
+use palpate_io::field::{self, SavedField};
 use palpate_work::elastic;
-use palpate_work::learn::{Cells, Tally, learn};
+use palpate_work::learn::{CellCounts, LearningSummary, learn};
 use palpate_work::settings::sections::RobotSettings;
 use palpate_work::tune::{Tune, quickly_tuned};
 use palpate_work::{prior, resume};
@@ -174,14 +174,14 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         Some(Elastic { bodies, touches }) => {
             elastic::learn_body(&mapper, &bodies, touches, output)?
         }
-        None => Saved::of_mapper(&mapper),
+        None => SavedField::of_mapper(&mapper),
     };
     let saved = save(args, saved)?;
     if let (Some(path), Some(format)) = (&args.picture, format) {
         format.write(path, &picture::field(&saved.field)?)?;
     }
     let pace = pace.as_ref().map(Pace::figures);
-    let (cells, body) = (Cells::of(&mapper), saved.field.elastic.as_deref());
+    let (cells, body) = (CellCounts::of(&mapper), saved.field.elastic.as_deref());
     let summary =
         Summary { args, robot: &robot, mapper: &mapper, tally: &tally, cells, pace, body };
     if args.json {
@@ -251,7 +251,7 @@ fn begin(
 }
 
 /// Saves the field, and returns what was saved.
-fn save(args: &Args, mut saved: Saved) -> Result<Saved, CliError> {
+fn save(args: &Args, mut saved: SavedField) -> Result<SavedField, CliError> {
     if args.no_memory {
         (saved.snapshot, saved.elastic_touches) = (None, Vec::new());
     }
@@ -270,7 +270,7 @@ fn stop(
     let kept = if has_body {
         format!(" at {place}; nothing was written, since the elastic body was not learnt yet")
     } else if args.save_on_interrupt {
-        save(args, Saved::of_mapper(mapper))?;
+        save(args, SavedField::of_mapper(mapper))?;
         format!(" at {place}; the field so far is in `{}`", args.output.display())
     } else {
         format!(" at {place}; nothing was written (--save-on-interrupt saves the field so far)")
@@ -283,8 +283,8 @@ struct Summary<'a> {
     args: &'a Args,
     robot: &'a RobotSettings,
     mapper: &'a Mapper,
-    tally: &'a Tally,
-    cells: Cells,
+    tally: &'a LearningSummary,
+    cells: CellCounts,
     pace: Option<PaceFigures>,
     body: Option<&'a ElasticModel>,
 }
@@ -337,7 +337,7 @@ impl Summary<'_> {
             ("cells touched", self.cells.touched.to_string()),
         ];
         if self.cells.expected > 0 {
-            let Cells { expected, expected_and_touched, .. } = self.cells;
+            let CellCounts { expected, expected_and_touched, .. } = self.cells;
             let cells = format!("{expected}, {expected_and_touched} of them touched");
             found.push(("cells expected by the prior", cells));
         }

@@ -8,7 +8,7 @@ use palpate::Arm;
 use palpate_io::field;
 use palpate_learn::next_touch::{Criterion, Proposal};
 use palpate_work::held_joints::of_field;
-use palpate_work::next::{Proposals, Request, next};
+use palpate_work::next::{Proposals, RankingRequest, next};
 use palpate_work::robot;
 use palpate_work::touches::{RecordedTouch, Touches};
 
@@ -111,7 +111,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     };
     let (candidates, arm) = read(&args.candidates, &arm)?;
     let task = if args.task.is_empty() { Vec::new() } else { read(&args.task, &arm)?.0 };
-    let request = Request {
+    let request = RankingRequest {
         criterion: match args.by {
             Some(By::Information) => Criterion::Information,
             Some(By::Variance) | None => Criterion::Variance,

@@ -25,7 +25,7 @@ pub(crate) const ORIGIN: &str = "Under --rate the field depends on the speed of 
 /// differ in size, and the next one may be large.
 const MARGIN: f64 = 2.0;
 /// Largest number of visits between two readings of the clock.
-const MOST_AT_ONCE: u32 = 8;
+const MAX_AT_ONCE: u32 = 8;
 /// Weight of the latest visits in the running mean of their time.
 const LATEST: f64 = 0.1;
 
@@ -144,7 +144,7 @@ impl Pace {
         }
         // One at a time near the end; the cast saturates the infinity before the first visit.
         let fitting = (left_s / self.visit_s / 4.0) as u32;
-        if self.visit_s == 0.0 { 1 } else { fitting.clamp(1, MOST_AT_ONCE) }
+        if self.visit_s == 0.0 { 1 } else { fitting.clamp(1, MAX_AT_ONCE) }
     }
 
     /// Takes the time of the latest visits into the running mean.
@@ -184,7 +184,7 @@ mod tests {
             let visits = pace.affordable(left_s);
             assert!(f64::from(visits) * pace.visit_s <= left_s, "{visits} in {left_s} s");
         }
-        assert_eq!((pace.affordable(3e-3), pace.affordable(1.0)), (1, MOST_AT_ONCE));
+        assert_eq!((pace.affordable(3e-3), pace.affordable(1.0)), (1, MAX_AT_ONCE));
     }
 
     #[test]

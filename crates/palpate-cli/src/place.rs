@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use palpate_io::atomic::{self, Hold};
-use palpate_io::field::{self, Saved};
+use palpate_io::atomic::{self, FileLock};
+use palpate_io::field::{self, SavedField};
 use tempfile::Builder;
 
 use crate::error::CliError;
@@ -180,14 +180,14 @@ pub(crate) fn check_older(
 
 /// Locks the file of a field until the returned value is dropped, so that no other `palpate` writes it meanwhile;
 /// `None` for a device.
-pub(crate) fn hold_field(path: &Path) -> Result<Option<Hold>, CliError> {
+pub(crate) fn hold_field(path: &Path) -> Result<Option<FileLock>, CliError> {
     check_older(path, "npz", |path| field::load(path).is_ok())?;
     let is_device = path.exists() && !path.is_file();
-    (!is_device).then(|| Hold::on(path).map_err(CliError::file)).transpose()
+    (!is_device).then(|| FileLock::on(path).map_err(CliError::file)).transpose()
 }
 
 /// Saves a field; if that fails, for example on a full disk, saves it as a temporary file that the error names.
-pub(crate) fn save(path: &Path, saved: &Saved) -> Result<(), CliError> {
+pub(crate) fn save(path: &Path, saved: &SavedField) -> Result<(), CliError> {
     let Err(error) = field::save(path, saved) else { return Ok(()) };
     let kept = Builder::new().prefix("palpate_").suffix(".npz").tempfile().ok().and_then(|file| {
         field::save(file.path(), saved).ok()?;

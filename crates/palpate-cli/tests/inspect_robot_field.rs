@@ -8,7 +8,7 @@ use std::fs;
 use std::path::Path;
 
 use common::{Scene, URDF, succeed};
-use palpate_io::field::{Saved, load, save};
+use palpate_io::field::{SavedField, load, save};
 use recording::{codes, first, inspect, run};
 use serde_json::Value;
 
@@ -92,7 +92,7 @@ fn a_robot_that_cannot_be_used_is_an_error_and_its_tree_is_reported() {
 }
 
 /// A field of the tiny arm, and the same after a change.
-fn look_at_field(change: impl FnOnce(&mut Saved)) -> (Option<i32>, Value) {
+fn look_at_field(change: impl FnOnce(&mut SavedField)) -> (Option<i32>, Value) {
     let scene = Scene::new();
     succeed(&mut scene.map(&["log"], &[]));
     let path = scene.path("out/field.npz");

@@ -6,10 +6,10 @@ mod common;
 use std::fs;
 
 use common::{Scene, json, npy, palpate, refuse, succeed};
-use palpate_io::field::{Saved, load};
+use palpate_io::field::{SavedField, load};
 use serde_json::Value;
 
-fn field(scene: &Scene, name: &str) -> Saved {
+fn field(scene: &Scene, name: &str) -> SavedField {
     load(&scene.path(name)).unwrap()
 }
 
@@ -66,7 +66,7 @@ fn mapping_in_two_halves_is_mapping_at_once() {
         let (from, to) = (at("half.npz"), at("both.npz"));
         succeed(&mut scene.map(&["log/seq_1"], &["--from", &from, "-o", &to]));
         let (once, both) = (field(&scene, "once.npz"), field(&scene, "both.npz"));
-        let bits = |saved: &Saved| -> Vec<u64> {
+        let bits = |saved: &SavedField| -> Vec<u64> {
             saved.field.stiffness_n_per_m.iter().map(|k| k.to_bits()).collect()
         };
         assert_eq!(bits(&once), bits(&both), "{estimator}");

@@ -8,7 +8,7 @@ use std::process::Command;
 
 use common::{Scene, json, palpate, refuse, stderr, stdout, succeed};
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
-use palpate_io::field::{Saved, load, save};
+use palpate_io::field::{SavedField, load, save};
 
 /// A scene with the field of its first touch, `out/first.npz`, whose cells the second touch meets
 /// too.
@@ -25,12 +25,12 @@ fn with_prior(scene: &Scene, prior: &str, more: &[&str]) -> Command {
     scene.map(&["log/seq_1"], &[&["--prior", &prior], more].concat())
 }
 
-fn field(scene: &Scene, name: &str) -> Saved {
+fn field(scene: &Scene, name: &str) -> SavedField {
     load(&scene.path(name)).unwrap()
 }
 
 /// Changes a field on disk.
-fn change(scene: &Scene, name: &str, change: impl FnOnce(&mut Saved)) {
+fn change(scene: &Scene, name: &str, change: impl FnOnce(&mut SavedField)) {
     let mut saved = field(scene, name);
     change(&mut saved);
     save(&scene.path(name), &saved).unwrap();

@@ -8,7 +8,7 @@ use std::sync::{Arc, OnceLock};
 use nalgebra::Point3;
 use palpate::{Arm, BakeConfig, EstimatorKind, Lattice, Mapper, MapperConfig, Robot, Sample};
 use palpate_io::cloud::{self, Cloud, Column};
-use palpate_io::field::{Saved, npz, to_bytes};
+use palpate_io::field::{SavedField, npz, to_bytes};
 use palpate_io::log::bag_write::{Compression, TouchWriter};
 use palpate_io::log::write::TableWriter;
 use palpate_work::settings::Settings;
@@ -59,7 +59,7 @@ fn mapper() -> &'static Mapper {
 
 /// The field file of this mapper.
 fn field() -> Vec<u8> {
-    to_bytes(&Saved::of_mapper(mapper()))
+    to_bytes(&SavedField::of_mapper(mapper()))
 }
 
 /// Field files of palpate, numpy and OpenVSF.

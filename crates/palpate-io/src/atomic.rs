@@ -120,7 +120,7 @@ fn start(path: &Path, target: &Path) -> Result<NamedTempFile, WriteError> {
 
 /// Suffix of hidden files that are being written.
 const SUFFIX: &str = ".partial";
-/// Suffix of the lock file of [`Hold`].
+/// Suffix of the lock file of [`FileLock`].
 const HELD: &str = "held";
 
 /// Prefix of the hidden files that belong to the file `name`.
@@ -179,15 +179,15 @@ pub(crate) fn hidden_folder(target: &Path) -> io::Result<(TempDir, File)> {
     }
 }
 
-/// Advisory lock on a file, against other processes that use [`Hold`]. It ends when dropped or with
+/// Advisory lock on a file, against other processes that use [`FileLock`]. It ends when dropped or with
 /// the process.
 #[derive(Debug)]
-pub struct Hold {
+pub struct FileLock {
     hidden: PathBuf,
     _lock: File,
 }
 
-impl Hold {
+impl FileLock {
     /// Locks `path`; the file need not exist yet.
     ///
     /// # Errors
@@ -213,7 +213,7 @@ impl Hold {
     }
 }
 
-impl Drop for Hold {
+impl Drop for FileLock {
     fn drop(&mut self) {
         let _ = fs::remove_file(&self.hidden);
     }
@@ -284,13 +284,13 @@ mod tests {
     fn a_file_is_held_by_one_until_it_lets_go() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("field.npz");
-        let hold = Hold::on(&path).unwrap();
-        let error = Hold::on(&path).unwrap_err().to_string();
+        let hold = FileLock::on(&path).unwrap();
+        let error = FileLock::on(&path).unwrap_err().to_string();
         assert!(error.contains("being written by another palpate"), "{error}");
         write(&path, |out| out.write_all(b"mine")).unwrap();
-        assert!(Hold::on(&path).is_err(), "writing to it does not let go");
+        assert!(FileLock::on(&path).is_err(), "writing to it does not let go");
         drop(hold);
-        drop(Hold::on(&path).unwrap());
+        drop(FileLock::on(&path).unwrap());
         assert_eq!(names(folder.path()), ["field.npz"]);
     }
 

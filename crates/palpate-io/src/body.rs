@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 use palpate::unstable::{
-    BLOCK_STIFFNESS_SHARES, BodyError, ElasticBody, ElasticVariant, Segment, SegmentKind,
+    BLOCK_STIFFNESS_SHARES, ElasticBody, ElasticBodyError, ElasticVariant, Segment, SegmentKind,
 };
 use serde::Deserialize;
 
@@ -25,7 +25,7 @@ const BLOCK_DEPTH_M: f64 = 0.025;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
-pub enum BodyFileError {
+pub enum ElasticBodyFileError {
     /// The file cannot be read.
     #[error("`{}` cannot be read: {source}", path.display())]
     Unreadable { path: PathBuf, source: std::io::Error },
@@ -34,7 +34,7 @@ pub enum BodyFileError {
     Json { path: PathBuf, source: serde_json::Error },
     /// Segments that do not form a valid body.
     #[error("`{}`: {source} (segments count from 0)", path.display())]
-    Body { path: PathBuf, source: BodyError },
+    Body { path: PathBuf, source: ElasticBodyError },
 }
 
 #[derive(Deserialize)]
@@ -48,17 +48,16 @@ struct File {
 /// # Errors
 ///
 /// If the file cannot be read, a key is missing or unknown, or the segments do not form a valid body.
-pub fn read(path: &Path) -> Result<ElasticBody, BodyFileError> {
+pub fn read(path: &Path) -> Result<ElasticBody, ElasticBodyFileError> {
     let path = path.to_owned();
     let text = match input::read_text(&path, input::largest()) {
         Ok(text) => text,
-        Err(source) => return Err(BodyFileError::Unreadable { path, source }),
+        Err(source) => return Err(ElasticBodyFileError::Unreadable { path, source }),
     };
     match serde_json::from_str::<File>(&text) {
-        Ok(file) => {
-            ElasticBody::new(file.segments).map_err(|source| BodyFileError::Body { path, source })
-        }
-        Err(source) => Err(BodyFileError::Json { path, source }),
+        Ok(file) => ElasticBody::new(file.segments)
+            .map_err(|source| ElasticBodyFileError::Body { path, source }),
+        Err(source) => Err(ElasticBodyFileError::Json { path, source }),
     }
 }
 

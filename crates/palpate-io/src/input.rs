@@ -78,7 +78,7 @@ fn kind(file_type: FileType) -> Option<&'static str> {
 
 /// Whether only the current user can change a file or folder: it belongs to the user, and neither
 /// group nor others may write to it. On systems other than Unix, whether it exists.
-pub(crate) fn is_ones_own(path: &Path) -> io::Result<bool> {
+pub(crate) fn is_private_to_user(path: &Path) -> io::Result<bool> {
     let found = path.metadata()?;
     #[cfg(unix)]
     {

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use mcap::records::MessageHeader;
 use palpate_io::log::bag_write::{Compression, TouchWriter};
-use palpate_io::log::{self, Format, LogEvent, LogOptions, LogWarning, Sample};
+use palpate_io::log::{self, LogEvent, LogFormat, LogOptions, LogWarning, Sample};
 use re_cdr::{CdrWriter, LittleEndian};
 use tempfile::TempDir;
 
@@ -123,7 +123,7 @@ fn written_bags_read_back_exactly_with_every_compression() {
         let path = folder.path().join("bag.mcap");
         write(&path, 700, compression);
         let description = log::open(&path, &LogOptions::default()).unwrap().describe();
-        assert_eq!(description.format, Format::Mcap);
+        assert_eq!(description.format, LogFormat::Mcap);
         assert_eq!((description.touches, description.samples), (Some(2), Some(1400)));
         let (events, warnings) = read(&path, &LogOptions::default()).unwrap();
         assert_eq!(warnings, []);

@@ -8,7 +8,7 @@ use palpate::{
     Arm, BakeConfig, BandQuantiles, Calibration, CellId, EstimatorKind, Lattice, LearntTorques,
     Mapper, MapperConfig, Predictor, Robot, Sample,
 };
-use palpate_io::field::{Saved, load, npz, save};
+use palpate_io::field::{SavedField, load, npz, save};
 use palpate_io::log::{self, LogEvent};
 
 /// The first touches of the bundled set, with fewer samples after the still start.
@@ -53,7 +53,7 @@ fn go_on(mapper: &mut Mapper, samples: &[Sample]) {
 fn through_a_file(mapper: Mapper, arm: &Arc<Arm>) -> Mapper {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("field.npz");
-    let saved = Saved::of_mapper(&mapper);
+    let saved = SavedField::of_mapper(&mapper);
     save(&path, &saved).unwrap();
     drop(mapper);
     let loaded = load(&path).unwrap();
@@ -213,7 +213,7 @@ fn a_file_that_promises_a_prior_and_lacks_it_is_refused() {
     let path = folder.path().join("field.npz");
     let mapper =
         Mapper::with_prior(arm(), config(EstimatorKind::Map), &[(CellId(5), 1.0)]).unwrap();
-    let saved = Saved { prior_n_per_m: None, ..Saved::of_mapper(&mapper) };
+    let saved = SavedField { prior_n_per_m: None, ..SavedField::of_mapper(&mapper) };
     save(&path, &saved).unwrap();
     let error = load(&path).unwrap_err().to_string();
     assert!(error.contains("1 cells are said to have a prior of their own"), "{error}");
@@ -232,7 +232,7 @@ fn a_field_file_of_format_1_loads_and_continues_as_one_of_format_2() {
         go_on(&mut mapper, before);
         let folder = tempfile::tempdir().unwrap();
         let [new, old] = ["new.npz", "old.npz"].map(|name| folder.path().join(name));
-        save(&new, &Saved::of_mapper(&mapper)).unwrap();
+        save(&new, &SavedField::of_mapper(&mapper)).unwrap();
         let frames = mapper.snapshot().state.remembered.len();
         assert!(frames > 0, "the test needs remembered frames");
         write_format_1(&new, &old, frames);
@@ -290,7 +290,7 @@ fn a_touch_numbered_below_zero_or_beyond_32_bits_is_refused_with_its_row() {
         go_on(&mut mapper, touch);
         mapper.end_touch().unwrap();
     }
-    save(&path, &Saved::of_mapper(&mapper)).unwrap();
+    save(&path, &SavedField::of_mapper(&mapper)).unwrap();
     let whole = npz::read_npz(&path).unwrap();
     let rows = whole.require("log_touch").unwrap().shape()[0];
     assert_eq!(rows, 2);
@@ -314,7 +314,7 @@ fn a_state_whose_prediction_could_not_be_finite_is_refused_with_its_number() {
     mapper.begin_touch();
     go_on(&mut mapper, &touches(1)[0]);
     mapper.end_touch().unwrap();
-    save(&path, &Saved::of_mapper(&mapper)).unwrap();
+    save(&path, &SavedField::of_mapper(&mapper)).unwrap();
     let whole = npz::read_npz(&path).unwrap();
     for name in ["state_mean", "state_variance", "memory_alpha"] {
         let shape = whole.require(name).unwrap().shape().to_vec();

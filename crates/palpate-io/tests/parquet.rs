@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use palpate_io::log::{self, Format, LogEvent, LogOptions, Sample};
+use palpate_io::log::{self, LogEvent, LogFormat, LogOptions, Sample};
 use parquet::basic::{Compression, GzipLevel, ZstdLevel};
 use parquet::data_type::{DoubleType, FloatType, Int64Type};
 use parquet::file::properties::WriterProperties;
@@ -107,7 +107,7 @@ fn each_episode_of_a_lerobot_data_set_is_a_touch() {
     write_lists(&data.join("chunk-000/file-000.parquet"), &[0, 0, 0, 1, 1, 1, 1, 1, 1]);
     write_lists(&data.join("chunk-000/file-001.parquet"), &[2, 2]);
     let description = log::open(folder.path(), &LogOptions::default()).unwrap().describe();
-    assert_eq!((description.format, description.samples), (Format::Parquet, Some(11)));
+    assert_eq!((description.format, description.samples), (LogFormat::Parquet, Some(11)));
 
     let events = read(folder.path()).unwrap();
     let mut expected = Vec::new();

@@ -10,7 +10,7 @@ use palpate::unstable::{ElasticBody, ElasticModel, ElasticVariant, Segment, Segm
 use palpate::{CellId, EstimatorKind, Field, MapperConfig};
 use palpate_io::body;
 use palpate_io::field::npz::{Array, Data, read_npz, write_npz};
-use palpate_io::field::{FieldFile, FieldLattice, Saved, from_bytes, load, save, to_bytes};
+use palpate_io::field::{FieldFile, FieldLattice, SavedField, from_bytes, load, save, to_bytes};
 use palpate_io::log::bag_write::{Compression, TouchWriter};
 use palpate_io::log::write::{ArraysWriter, TableWriter};
 use palpate_io::log::{self, LogEvent, LogOptions, Sample};
@@ -210,7 +210,7 @@ fn a_body_that_bends_reads_back_with_its_touches_and_a_broken_one_is_refused() {
     (field.stiffness_n_per_m, field.std_n_per_m) = (vec![1.0, 2.0], vec![0.5, 0.5]);
     (field.counts, field.elastic) = (vec![1, 0], Some(Arc::new(model)));
     let sample = |time_s| Sample::new(time_s, vec![0.1, 1.0 / 3.0], vec![-1.0, 2.0]);
-    let mut saved = Saved::of_field(field, "arm");
+    let mut saved = SavedField::of_field(field, "arm");
     saved.elastic_touches =
         vec![vec![sample(Some(-0.5)), sample(Some(0.5))], vec![], vec![sample(None)]];
     let bytes = to_bytes(&saved);
@@ -315,7 +315,7 @@ fn points_that_are_not_those_of_their_cells_are_refused_with_their_row() {
     field.counts = vec![1; 3];
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("field.npz");
-    save(&path, &Saved::of_field(field, "arm")).unwrap();
+    save(&path, &SavedField::of_field(field, "arm")).unwrap();
     let whole = read_npz(&path).unwrap();
     let points = whole.floats("points", &[None, Some(3)]).unwrap();
     let with = |change: &dyn Fn(&mut [f64])| {

@@ -8,21 +8,21 @@
 //! with frames grouped by touch, Dunn, Wasserman and Ramdas 2022); those of largest torques are plain quantiles.
 
 use nalgebra::DVector;
-use palpate::unstable::{Cell, Estimator, spring_variance};
+use palpate::unstable::{CellState, Estimator, spring_variance};
 use palpate::{BandQuantiles, Calibration, LearntTorques, MapperConfig};
 use rayon::prelude::*;
 
 use crate::error::{LearnError, Stop};
 use crate::folds::among;
 use crate::method::learn;
-use crate::tracked::{Tracked, TrackedFrame};
+use crate::tracked::{TrackedFrame, TrackedTouches};
 
 /// Fewest touches for a calibration.
 const FEWEST: usize = 3;
 /// The level of tables. If there are too few touches for it, the bands of other objects are used.
 pub(crate) const LEVEL: f64 = 0.9;
 /// Most folds; with more touches, groups of them are held out.
-const MOST_FOLDS: usize = 16;
+const MAX_FOLDS: usize = 16;
 /// Levels of the calibration, as far as there are enough touches for them.
 const LEVELS: [f64; 9] = [0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 0.99];
 /// The level for which the coefficients of the half-width are fitted.
@@ -60,7 +60,7 @@ impl PredictedFrame {
     /// whether it is known.
     pub(crate) fn of(
         frame: &TrackedFrame,
-        cells: &[Cell],
+        cells: &[CellState],
         of_row: impl Fn(usize) -> (f64, bool),
     ) -> Self {
         let observation = &frame.observation;
@@ -95,7 +95,7 @@ impl PredictedFrame {
 ///
 /// If a setting is out of its range, or a frame cannot be used; or on being stopped.
 pub fn calibrate(
-    tracked: &Tracked,
+    tracked: &TrackedTouches,
     train: &[usize],
     config: &MapperConfig,
     stop: Stop<'_>,
@@ -105,7 +105,7 @@ pub fn calibrate(
     }
     let mut config = config.clone();
     config.estimator.replays = config.estimator.replays.min(REPLAYS);
-    let held_out: Vec<Vec<Vec<PredictedFrame>>> = among(train, train.len().min(MOST_FOLDS))
+    let held_out: Vec<Vec<Vec<PredictedFrame>>> = among(train, train.len().min(MAX_FOLDS))
         .par_iter()
         .map(|fold| {
             let estimator = learn(tracked, &fold.train, &config, &[], stop)?;
@@ -132,7 +132,7 @@ pub fn calibrate(
 /// [`Calibration::of_other_objects`] for an estimator that has learnt the touches `train`; `None` if these touch
 /// nothing.
 pub(crate) fn of_other_objects(
-    tracked: &Tracked,
+    tracked: &TrackedTouches,
     train: &[usize],
     predicted: &Predicted,
 ) -> Option<Calibration> {
@@ -151,14 +151,14 @@ pub(crate) fn of_other_objects(
 
 /// Stiffness and variance of all cells under an estimator, for predictions of frames.
 pub(crate) struct Predicted {
-    cells: Vec<Cell>,
+    cells: Vec<CellState>,
     /// By row, the spring variance for the spread, (N/m)², and whether the cell was touched.
     of_rows: Vec<(f64, bool)>,
     untouched_std_n_per_m: f64,
 }
 
 impl Predicted {
-    pub(crate) fn by(tracked: &Tracked, estimator: &dyn Estimator) -> Self {
+    pub(crate) fn by(tracked: &TrackedTouches, estimator: &dyn Estimator) -> Self {
         let of_row = |row| {
             let (stiffness, std) = (estimator.stiffness(row), estimator.std(row));
             (spring_variance(RELATIVE_STD, stiffness, std.powi(2)), estimator.count(row) > 0)
@@ -175,7 +175,7 @@ impl Predicted {
     }
 
     /// Predicts at most [`FRAMES`] frames of a touch, evenly chosen.
-    fn touch(&self, tracked: &Tracked, touch: usize) -> Vec<PredictedFrame> {
+    fn touch(&self, tracked: &TrackedTouches, touch: usize) -> Vec<PredictedFrame> {
         let frames = &tracked.touches[touch].frames;
         let every = frames.len().div_ceil(FRAMES).max(1);
         frames.iter().step_by(every).map(|frame| self.frame(frame)).collect()

@@ -11,17 +11,17 @@ use serde::{Deserialize, Serialize};
 use crate::bands::{Band, Uncertainty};
 use crate::calibrate::{LEVEL, Predicted, PredictedFrame, calibrate, of_other_objects};
 use crate::error::{LearnError, Stop};
-use crate::evaluation::{Evaluation, LeftOut, Prediction, Summary};
+use crate::evaluation::{Evaluation, HeldOutTouch, MethodPrediction, MethodSummary};
 use crate::folds::Fold;
-use crate::method::{Method, Torques, learn};
-use crate::tracked::{Tracked, TrackedFrame, TrackedTouch};
+use crate::method::{Method, TorquesByTouch, learn};
+use crate::tracked::{TrackedFrame, TrackedTouch, TrackedTouches};
 
 /// Largest torque that a part may contain, N·m.
 const LARGEST_N_M: f64 = 1e12;
 
 /// Methods, folds and settings of an evaluation.
 #[derive(Debug, Clone)]
-pub struct Plan {
+pub struct EvaluationPlan {
     /// The methods, in the order of the table.
     pub methods: Vec<Method>,
     /// The folds.
@@ -37,13 +37,13 @@ pub struct Plan {
 
 /// One method on one fold.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Part {
+pub struct FoldPrediction {
     /// The method.
     pub method: Method,
     /// The fold's number.
     pub fold: usize,
     /// Predicted torques of the fold's test touches.
-    pub torques: Torques,
+    pub torques: TorquesByTouch,
     /// Uncertainty of the torques, for an estimator that has learnt enough touches to determine it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uncertainty: Option<Uncertainty>,
@@ -61,7 +61,7 @@ pub struct PartError {
     pub source: LearnError,
 }
 
-impl Plan {
+impl EvaluationPlan {
     /// All parts of the plan, those that take longest first.
     pub fn parts(&self) -> Vec<(Method, usize)> {
         let cost = |method: &Method| match method {
@@ -89,7 +89,7 @@ impl Plan {
 
     /// Whether a part, perhaps read from a file, fits this plan: method and fold are in it, and there is a finite
     /// torque for every joint and frame of the fold's test touches.
-    pub fn has(&self, part: &Part, tracked: &Tracked) -> bool {
+    pub fn has(&self, part: &FoldPrediction, tracked: &TrackedTouches) -> bool {
         let is_torque = |torque: &Vec<f64>| {
             torque.len() == tracked.n_joints && torque.iter().all(|tau| tau.abs() <= LARGEST_N_M)
         };
@@ -97,7 +97,7 @@ impl Plan {
             torques.len() == tracked.touches[touch].frames.len() && torques.iter().all(is_torque)
         };
         let fold = self.folds.get(part.fold).filter(|_| self.methods.contains(&part.method));
-        let is_whole = |torques: &Torques, fold: &Fold| {
+        let is_whole = |torques: &TorquesByTouch, fold: &Fold| {
             torques.len() == fold.test.len() && torques.iter().zip(&fold.test).all(predicts)
         };
         fold.is_some_and(|fold| {
@@ -118,10 +118,10 @@ impl Plan {
     /// The error of a part that failed; parts finished before were passed to `done`.
     pub fn run(
         &self,
-        tracked: &Tracked,
+        tracked: &TrackedTouches,
         parts: &[(Method, usize)],
         stop: Stop<'_>,
-        done: &(dyn Fn(Part) + Sync),
+        done: &(dyn Fn(FoldPrediction) + Sync),
     ) -> Result<(), PartError> {
         // Threads take one part at a time: durations of parts differ too much for larger chunks.
         parts.par_iter().with_max_len(1).try_for_each(|&(method, fold)| {
@@ -132,7 +132,7 @@ impl Plan {
                 _ => method.predict(tracked, own.0, config, stop).map(|torques| (torques, None)),
             }
             .map_err(|source| PartError { method, fold, source })?;
-            done(Part { method, fold, torques, uncertainty });
+            done(FoldPrediction { method, fold, torques, uncertainty });
             Ok(())
         })
     }
@@ -144,8 +144,8 @@ impl Plan {
     /// If a part is missing, which is a bug in the caller.
     pub fn gather(
         &self,
-        tracked: &Tracked,
-        parts: &[Part],
+        tracked: &TrackedTouches,
+        parts: &[FoldPrediction],
         joint_names: Vec<String>,
         against: &str,
     ) -> Evaluation {
@@ -153,18 +153,18 @@ impl Plan {
             let part = parts.iter().find(|part| part.method == method && part.fold == fold);
             part.expect("all parts were done")
         };
-        let mut touches: Vec<(usize, LeftOut)> = Vec::new();
+        let mut touches: Vec<(usize, HeldOutTouch)> = Vec::new();
         for &number in &self.todo {
             let fold = &self.folds[number];
-            let met = tracked.rows_met(&fold.train);
+            let met = tracked.touched_rows(&fold.train);
             for (place, &touch) in fold.test.iter().enumerate() {
                 let frames = &tracked.touches[touch].frames;
-                let mut left_out = LeftOut::of(&tracked.touches[touch], number, &met);
+                let mut left_out = HeldOutTouch::of(&tracked.touches[touch], number, &met);
                 for &method in &self.methods {
-                    let Part { torques, uncertainty, .. } = of(method, number);
+                    let FoldPrediction { torques, uncertainty, .. } = of(method, number);
                     let torques = torques[place].clone();
                     let mut prediction =
-                        Prediction::new(method.name(), torques, &left_out.external);
+                        MethodPrediction::new(method.name(), torques, &left_out.external);
                     if let Some(uncertainty) = uncertainty {
                         let band = |of: &Calibration| {
                             let spread = &uncertainty.spread[place];
@@ -180,9 +180,9 @@ impl Plan {
             }
         }
         touches.sort_by_key(|(touch, _)| *touch);
-        let touches: Vec<LeftOut> = touches.into_iter().map(|(_, touch)| touch).collect();
+        let touches: Vec<HeldOutTouch> = touches.into_iter().map(|(_, touch)| touch).collect();
         let summary =
-            |(index, method): (usize, &Method)| Summary::new(method.name(), index, &touches);
+            |(index, method): (usize, &Method)| MethodSummary::new(method.name(), index, &touches);
         let methods = self.methods.iter().enumerate().map(summary).collect();
         Evaluation { joint_names, against: against.to_owned(), methods, touches }
     }
@@ -191,13 +191,13 @@ impl Plan {
 /// Torques that an estimator predicts for a fold's test touches, and their uncertainty: calibrated on the training
 /// touches, and that of other objects.
 fn with_uncertainty(
-    tracked: &Tracked,
+    tracked: &TrackedTouches,
     (fold, config): (&Fold, &MapperConfig),
     stop: Stop<'_>,
-) -> Result<(Torques, Option<Uncertainty>), LearnError> {
+) -> Result<(TorquesByTouch, Option<Uncertainty>), LearnError> {
     let estimator = learn(tracked, &fold.train, config, &[], stop)?;
     let predicted = Predicted::by(tracked, &*estimator);
-    let (mut torques, mut spreads) = (Torques::new(), Torques::new());
+    let (mut torques, mut spreads) = (TorquesByTouch::new(), TorquesByTouch::new());
     for touch in &fold.test {
         let frames = tracked.touches[*touch].frames.iter();
         let frames = frames.map(|frame| predicted.frame(frame));
@@ -216,8 +216,8 @@ fn with_uncertainty(
 fn band(
     calibration: (&Calibration, f64),
     (frames, spread): (&[TrackedFrame], &[Vec<f64>]),
-    prediction: &Prediction,
-    touch: &LeftOut,
+    prediction: &MethodPrediction,
+    touch: &HeldOutTouch,
 ) -> Option<Band> {
     let contacts = touch.contacts.iter().zip(&touch.known);
     let frames = frames.iter().zip(&prediction.predicted).zip(spread).zip(contacts);
@@ -230,7 +230,7 @@ fn band(
     Band::of(calibration, &frames.collect::<Vec<_>>())
 }
 
-impl LeftOut {
+impl HeldOutTouch {
     /// A held-out touch without predictions; `met` is, by row, whether a training touch has displaced the cell.
     fn of(touch: &TrackedTouch, fold: usize, met: &[bool]) -> Self {
         let frames = &touch.frames;

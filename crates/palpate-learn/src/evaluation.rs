@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::bands::{Band, Coverage};
-use crate::errors::{ErrorSum, Errors};
 use crate::method::Method;
+use crate::torque_errors::{ErrorSum, TorqueErrors};
 
 /// An evaluation of several methods on held-out touches.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -14,9 +14,9 @@ pub struct Evaluation {
     /// The torques that predictions are compared with: `"truth"` or `"measured"`.
     pub against: String,
     /// The table, with a row for each method.
-    pub methods: Vec<Summary>,
+    pub methods: Vec<MethodSummary>,
     /// The touches, each predicted while it was held out.
-    pub touches: Vec<LeftOut>,
+    pub touches: Vec<HeldOutTouch>,
 }
 
 /// Average relative error of the paper's field on a real arm (Table I).
@@ -26,7 +26,7 @@ pub const PAPER_BASELINES: [f64; 3] = [0.76, 1.48, 1.20];
 
 /// One method's row of Table I: figures of each touch, averaged over touches.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Summary {
+pub struct MethodSummary {
     /// Name of the method ([`Method::name`]).
     pub name: String,
     /// Mean error, N·m.
@@ -54,7 +54,7 @@ pub struct MeanStd {
 
 /// A held-out touch with all predictions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct LeftOut {
+pub struct HeldOutTouch {
     /// The touch's name.
     pub name: String,
     /// Index of its fold.
@@ -70,16 +70,16 @@ pub struct LeftOut {
     /// The external torque to predict, frames × n_joints, N·m.
     pub external: Vec<Vec<f64>>,
     /// Predictions of the methods, in the order of the table.
-    pub predictions: Vec<Prediction>,
+    pub predictions: Vec<MethodPrediction>,
 }
 
 /// One method's prediction of a touch.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Prediction {
+pub struct MethodPrediction {
     /// The method's name.
     pub method: String,
     /// The four error figures of the touch; `None` without a frame.
-    pub errors: Option<Errors>,
+    pub errors: Option<TorqueErrors>,
     /// Predicted external torque, frames × n_joints, N·m.
     pub predicted: Vec<Vec<f64>>,
     /// The band around the prediction, for a calibrated estimator.
@@ -102,7 +102,7 @@ impl MeanStd {
     }
 }
 
-impl Prediction {
+impl MethodPrediction {
     /// A prediction, with its errors against `external`.
     pub fn new(method: &str, predicted: Vec<Vec<f64>>, external: &[Vec<f64>]) -> Self {
         let errors = ErrorSum::of(&predicted, external).errors();
@@ -111,14 +111,14 @@ impl Prediction {
     }
 }
 
-impl LeftOut {
+impl HeldOutTouch {
     /// Errors of a method on this touch.
-    pub fn errors(&self, method: &str) -> Option<Errors> {
+    pub fn errors(&self, method: &str) -> Option<TorqueErrors> {
         self.predictions.iter().find(|prediction| prediction.method == method)?.errors
     }
 
     /// Errors of predicting zero on this touch, also if `zero` is not in the table.
-    pub fn zero(&self) -> Option<Errors> {
+    pub fn zero(&self) -> Option<TorqueErrors> {
         ErrorSum::of(&self.external, &self.external).zero()
     }
 
@@ -126,7 +126,7 @@ impl LeftOut {
     /// and direction of the predicted torque relative to the true or measured one.
     ///
     /// Sums are over all frames, so frames with large torques count most.
-    pub fn what_went_wrong(&self, method: &str) -> Option<String> {
+    pub fn failure_reason(&self, method: &str) -> Option<String> {
         let prediction = self.predictions.iter().find(|prediction| prediction.method == method)?;
         let (mut both, mut predicted_sq, mut external_sq) = (0.0, 0.0, 0.0);
         for (predicted, external) in prediction.predicted.iter().zip(&self.external) {
@@ -168,11 +168,11 @@ impl Evaluation {
     }
 }
 
-impl Summary {
+impl MethodSummary {
     /// The row of the method at `index` in the predictions of every touch.
-    pub fn new(name: &str, index: usize, touches: &[LeftOut]) -> Self {
+    pub fn new(name: &str, index: usize, touches: &[HeldOutTouch]) -> Self {
         let own = || touches.iter().map(|touch| &touch.predictions[index]);
-        let errors: Vec<Errors> = own().filter_map(|own| own.errors).collect();
+        let errors: Vec<TorqueErrors> = own().filter_map(|own| own.errors).collect();
         let bands: Vec<&Band> = own().filter_map(|own| own.band.as_ref()).collect();
         let of_other_objects: Vec<&Band> =
             own().filter_map(|own| own.band_of_other_objects.as_ref()).collect();
@@ -180,7 +180,11 @@ impl Summary {
     }
 
     /// The row of a method, from its errors on touches and its bands: its own, and those of other objects.
-    pub fn of(name: &str, errors: &[Errors], [bands, of_other_objects]: [&[&Band]; 2]) -> Self {
+    pub fn of(
+        name: &str,
+        errors: &[TorqueErrors],
+        [bands, of_other_objects]: [&[&Band]; 2],
+    ) -> Self {
         let errors = || errors.iter();
         Self {
             name: name.to_owned(),
@@ -207,7 +211,7 @@ mod tests {
 
     #[test]
     fn a_touch_without_torque_is_left_out_of_the_relative_figures_alone() {
-        let touch = |external: f64| LeftOut {
+        let touch = |external: f64| HeldOutTouch {
             name: String::new(),
             fold: 0,
             time_s: vec![0.0],
@@ -215,9 +219,9 @@ mod tests {
             known: vec![1],
             q: vec![vec![0.0]],
             external: vec![vec![external]],
-            predictions: vec![Prediction::new("zero", vec![vec![0.0]], &[vec![external]])],
+            predictions: vec![MethodPrediction::new("zero", vec![vec![0.0]], &[vec![external]])],
         };
-        let summary = Summary::new("zero", 0, &[touch(2.0), touch(0.5)]);
+        let summary = MethodSummary::new("zero", 0, &[touch(2.0), touch(0.5)]);
         assert_eq!(summary.avg_error.unwrap().mean, 1.25);
         assert_eq!(summary.avg_relative, Some(MeanStd { mean: 1.0, std: 0.0 }));
     }

@@ -1,22 +1,22 @@
 //! Estimates of a field for the cells of tracked touches, indexed by their rows.
 
-use palpate::unstable::{Cell, CellRows, spring_variance};
+use palpate::unstable::{CellRows, CellState, spring_variance};
 use palpate::{CellEstimate, Field};
 
 use crate::calibrate::PredictedFrame;
-use crate::tracked::{Tracked, TrackedFrame};
+use crate::tracked::{TrackedFrame, TrackedTouches};
 
-/// Estimates of a field for the cells of tracked touches, indexed by row of [`Tracked`].
+/// Estimates of a field for the cells of tracked touches, indexed by row of [`TrackedTouches`].
 pub(crate) struct FieldRows {
     pub(crate) estimates: Vec<CellEstimate>,
-    pub(crate) cells: Vec<Cell>,
+    pub(crate) cells: Vec<CellState>,
     /// ρ of the field's bands ([`palpate::Calibration`]); 0 without bands for these joints.
     relative_std: f64,
 }
 
 impl FieldRows {
     /// `untouched_std_n_per_m` is the standard deviation of cells that are not in the field.
-    pub(crate) fn of(tracked: &Tracked, field: &Field, untouched_std_n_per_m: f64) -> Self {
+    pub(crate) fn of(tracked: &TrackedTouches, field: &Field, untouched_std_n_per_m: f64) -> Self {
         let rows = CellRows::of(field.lattice.clone(), &field.cells);
         let known = tracked.cells.iter().map(|cell| rows.find(*cell));
         let estimates: Vec<CellEstimate> =

@@ -13,7 +13,7 @@
 //! | [`mod@change`]      | whether an object moved, softened or was replaced since mapping |
 //! | [`mod@next_touch`]  | which motion reduces the variance of a task most                |
 //! | [`mod@extrapolate`] | stiffness of untouched cells, from a point cloud                |
-//! | [`mod@errors`]      | the four error figures of Table I                               |
+//! | [`mod@torque_errors`] | the four error figures of Table I                               |
 //! | [`mod@excite`]      | a motion that determines an arm's masses and friction           |
 //! | [`mod@body`]        | an elastic body from a cloud: stems, tubes, radii               |
 //! | [`mod@elastic`]     | the stiffness of an elastic body, learnt from touches           |
@@ -30,7 +30,6 @@ pub mod calibrate;
 pub mod change;
 pub mod elastic;
 mod error;
-pub mod errors;
 pub mod evaluate;
 pub mod evaluation;
 pub mod excite;
@@ -42,6 +41,7 @@ pub mod method;
 pub mod next_touch;
 pub mod regression;
 pub mod study;
+pub mod torque_errors;
 pub mod tracked;
 pub mod tune;
 mod upper_median;

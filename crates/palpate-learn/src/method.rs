@@ -1,7 +1,7 @@
 //! The methods that are compared: the estimators, the paper's baselines, and the trivial `uniform` and `zero`.
 
 use nalgebra::DVector;
-use palpate::unstable::{Cell, Estimator, FrameId, Stiffness};
+use palpate::unstable::{CellState, Estimator, FrameId, Stiffness};
 use palpate::{EstimatorKind, Field, MapperConfig};
 use serde::{Deserialize, Serialize};
 
@@ -11,14 +11,14 @@ use crate::folds::Fold;
 use crate::regression::{Frames, Knn, RegressionError, Regressor};
 #[cfg(feature = "regression")]
 use crate::regression::{Gp, Mlp};
-use crate::tracked::{Tracked, TrackedFrame};
+use crate::tracked::{TrackedFrame, TrackedTouches};
 
 /// A method for predicting torques.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
     /// An elastic body from a point cloud, and `map` for its residual ([`crate::elastic`]); `map` alone
-    /// if the touches were tracked without a body ([`Tracked::with_bodies`]).
+    /// if the touches were tracked without a body ([`TrackedTouches::with_bodies`]).
     Elastic,
     /// The exact maximum a posteriori ([`palpate::EstimatorKind::Map`]).
     Map,
@@ -37,7 +37,7 @@ pub enum Method {
 }
 
 /// Predicted torques: touches × frames × n_joints, N·m.
-pub type Torques = Vec<Vec<Vec<f64>>>;
+pub type TorquesByTouch = Vec<Vec<Vec<f64>>>;
 
 impl Method {
     /// All methods, in the order of tables.
@@ -93,12 +93,12 @@ impl Method {
     /// If a setting is out of its range, learning fails numerically, the method is not built, or `stop` returns true.
     pub fn predict(
         self,
-        tracked: &Tracked,
+        tracked: &TrackedTouches,
         fold: &Fold,
         config: &MapperConfig,
         stop: Stop<'_>,
-    ) -> Result<Torques, LearnError> {
-        let of_field = |cells: &[Cell]| torques(tracked, fold, |frame| frame.predict(cells));
+    ) -> Result<TorquesByTouch, LearnError> {
+        let of_field = |cells: &[CellState]| torques(tracked, fold, |frame| frame.predict(cells));
         match self {
             Self::Elastic if tracked.body.is_some() => {
                 Ok(elastic::predict(tracked, fold, config, stop)?.torques)
@@ -123,10 +123,10 @@ impl Method {
 /// Torques of a fold's test touches, predicted by a regression on joint positions.
 fn regressed<R: Regressor>(
     fit: impl Fn(&Frames) -> Result<R, RegressionError>,
-    tracked: &Tracked,
+    tracked: &TrackedTouches,
     fold: &Fold,
     stop: Stop<'_>,
-) -> Result<Torques, LearnError> {
+) -> Result<TorquesByTouch, LearnError> {
     unless_stopped(stop)?;
     let regressor = fit(&tracked.frames(&fold.train))?;
     let of = |&touch: &usize| {
@@ -139,7 +139,7 @@ fn regressed<R: Regressor>(
 /// Learns touches frame by frame (correct, replay) as [`palpate::Mapper`] does, but with contacts
 /// that were simulated before.
 ///
-/// `prior_means_n_per_m` are the prior means of the first rows of [`Tracked::cells`], N/m. Rows
+/// `prior_means_n_per_m` are the prior means of the first rows of [`TrackedTouches::cells`], N/m. Rows
 /// after them have the common prior mean. See [`Estimator::set_prior_means`].
 ///
 /// # Errors
@@ -150,7 +150,7 @@ fn regressed<R: Regressor>(
 ///
 /// If there are more means than rows, or one is negative or not finite.
 pub fn learn(
-    tracked: &Tracked,
+    tracked: &TrackedTouches,
     touches: &[usize],
     config: &MapperConfig,
     prior_means_n_per_m: &[f64],
@@ -175,7 +175,7 @@ pub fn learn(
 }
 
 /// The field of the cells that `estimator` has learnt.
-pub fn field(tracked: &Tracked, estimator: &dyn Estimator, config: &MapperConfig) -> Field {
+pub fn field(tracked: &TrackedTouches, estimator: &dyn Estimator, config: &MapperConfig) -> Field {
     let rows = 0..tracked.cells.len();
     let seen: Vec<usize> = rows.filter(|&row| estimator.count(row) > 0).collect();
     let (contact, touch) = (config.contact.clone(), config.touch.clone());
@@ -188,14 +188,18 @@ pub fn field(tracked: &Tracked, estimator: &dyn Estimator, config: &MapperConfig
     field
 }
 
-fn torques(tracked: &Tracked, fold: &Fold, predict: impl Fn(&TrackedFrame) -> Vec<f64>) -> Torques {
+fn torques(
+    tracked: &TrackedTouches,
+    fold: &Fold,
+    predict: impl Fn(&TrackedFrame) -> Vec<f64>,
+) -> TorquesByTouch {
     let of = |&touch: &usize| tracked.touches[touch].frames.iter().map(&predict).collect();
     fold.test.iter().map(of).collect()
 }
 
 /// The constant stiffness that fits the touches best: `K = Σ h·τ / Σ h·h ≥ 0`, where h is the torque
 /// of a field of 1 N/m.
-fn uniform(tracked: &Tracked, touches: &[usize]) -> Vec<Cell> {
+fn uniform(tracked: &TrackedTouches, touches: &[usize]) -> Vec<CellState> {
     let unit = tracked.with_stiffness(|_| 1.0);
     let (mut explained, mut power) = (0.0, 0.0);
     for frame in touches.iter().flat_map(|&touch| &tracked.touches[touch].frames) {

@@ -14,13 +14,13 @@
 
 use nalgebra::{Cholesky, DMatrix};
 use palpate::Field;
-use palpate::unstable::Cell;
+use palpate::unstable::CellState;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::field_rows::FieldRows;
-use crate::tracked::{Tracked, TrackedFrame};
+use crate::tracked::{TrackedFrame, TrackedTouches};
 
 /// About the most rows of the Gram matrix for frames.
 const ROWS: usize = 3000;
@@ -70,7 +70,7 @@ pub struct Proposal {
 
 /// Planned motions and a field, for ranking the motions.
 pub struct NextTouch<'a> {
-    tracked: &'a Tracked,
+    tracked: &'a TrackedTouches,
     field: &'a Field,
     rows: FieldRows,
     torque_std: f64,
@@ -81,7 +81,7 @@ impl<'a> NextTouch<'a> {
     /// deviation of cells that the field does not know, and `torque_std` that of a measured torque, N·m: sensor noise
     /// and model error together.
     pub fn new(
-        tracked: &'a Tracked,
+        tracked: &'a TrackedTouches,
         field: &'a Field,
         (untouched_std_n_per_m, torque_std): (f64, f64),
     ) -> Self {
@@ -184,7 +184,7 @@ struct Frames {
 }
 
 impl Frames {
-    fn of(tracked: &Tracked, std_n_per_m: impl Iterator<Item = f64>) -> Self {
+    fn of(tracked: &TrackedTouches, std_n_per_m: impl Iterator<Item = f64>) -> Self {
         let motions = tracked.touches.len().max(1);
         let of_motion = (ROWS / (tracked.n_joints.max(1) * motions)).clamp(FRAMES[0], FRAMES[1]);
         let mut cells = tracked.with_stiffness(|_| 0.0);
@@ -197,9 +197,10 @@ impl Frames {
                 for joint in 0..tracked.n_joints {
                     let mut unit = vec![0.0; tracked.n_joints];
                     unit[joint] = 1.0;
-                    let take =
-                        |_: &mut Cell, cell: usize, lever: f64| levers[cell].push((n_rows, lever));
-                    frame.observation.spread(&mut cells, &unit, take);
+                    let take = |_: &mut CellState, cell: usize, lever: f64| {
+                        levers[cell].push((n_rows, lever))
+                    };
+                    frame.observation.transpose_times(&mut cells, &unit, take);
                     own.push(n_rows);
                     n_rows += 1;
                 }
@@ -210,7 +211,7 @@ impl Frames {
     }
 
     /// Rows of the Gram matrix that belong to the task; adds rows for the cells of a box.
-    fn task(&mut self, tracked: &Tracked, task: &Task) -> Vec<usize> {
+    fn task(&mut self, tracked: &TrackedTouches, task: &Task) -> Vec<usize> {
         match task {
             Task::Motions(motions) => {
                 motions.iter().flat_map(|motion| self.rows[*motion].clone()).collect()

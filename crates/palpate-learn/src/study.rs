@@ -11,11 +11,11 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::error::{LearnError, Stop};
-use crate::errors::ErrorSum;
 use crate::evaluation::MeanStd;
 use crate::folds::{Fold, folds};
 use crate::method::Method;
-use crate::tracked::{Touch, Tracked, TrackedFrame};
+use crate::torque_errors::ErrorSum;
+use crate::tracked::{TouchSamples, TrackedFrame, TrackedTouches};
 
 /// A frame counts as loading if its torque is larger than that many frames before (frames before thinning).
 const BEFORE: usize = 5;
@@ -75,14 +75,14 @@ pub fn mean(touches: &[TouchScore], of: impl Fn(&TouchScore) -> Option<f64>) -> 
 ///
 /// If there are no settings or no touches.
 pub fn study(
-    (arm, touches): (&Arc<Arm>, &[Touch]),
+    (arm, touches): (&Arc<Arm>, &[TouchSamples]),
     settings: &[MapperConfig],
     (every, curve): (usize, bool),
     (stop, done): (Stop<'_>, &dyn Fn()),
 ) -> Result<ObjectScores, LearnError> {
     assert!(!touches.is_empty(), "there are touches");
     let given = &settings[0];
-    let base = Tracked::new(arm, given, touches, stop)?;
+    let base = TrackedTouches::new(arm, given, touches, stop)?;
     let one_by_one = folds(touches.len(), touches.len());
     let mut scores: Vec<Vec<TouchScore>> = vec![Vec::new(); settings.len()];
     let mut by_touches_learnt = Vec::new();
@@ -90,7 +90,7 @@ pub fn study(
         let contact = &settings[first].contact;
         let tracked = match first {
             0 => base.thinned(every),
-            _ => base.under(contact, arm, given, (touches, every), stop)?,
+            _ => base.with_contact_model(contact, arm, given, (touches, every), stop)?,
         };
         let alike: Vec<usize> =
             (0..settings.len()).filter(|&number| settings[number].contact == *contact).collect();
@@ -138,7 +138,7 @@ pub fn chosen_on_others(relative: &[Vec<Option<f64>>]) -> Vec<Option<usize>> {
 }
 
 fn learning_curve(
-    tracked: &Tracked,
+    tracked: &TrackedTouches,
     of: (&MapperConfig, usize),
     stop: Stop<'_>,
 ) -> Result<Vec<(usize, f64)>, LearnError> {
@@ -159,7 +159,7 @@ fn learning_curve(
 
 /// Scores the one test touch of a fold; `tracked` has every `every`-th frame.
 fn score(
-    tracked: &Tracked,
+    tracked: &TrackedTouches,
     fold: &Fold,
     (config, every): (&MapperConfig, usize),
     stop: Stop<'_>,
@@ -167,7 +167,7 @@ fn score(
     let config = for_thinned(config, every);
     let predicted = Method::of(config.method).predict(tracked, fold, &config, stop)?.swap_remove(0);
     let touch = &tracked.touches[fold.test[0]];
-    let met = tracked.rows_met(&fold.train);
+    let met = tracked.touched_rows(&fold.train);
     let targets = || touch.frames.iter().map(|frame| &frame.target);
     let loading = loading(&targets().collect::<Vec<_>>(), BEFORE.div_ceil(every));
     let is_met = |frame: &TrackedFrame| mostly_met(frame.observation.rows(), &met);

@@ -8,19 +8,19 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::{
-    Cell, CellRows, Downsampling, ElasticBody, Observation, ObservationBuilder, Stiffness,
+    CellRows, CellState, Downsampling, ElasticBody, Observation, ObservationBuilder, Stiffness,
     TrackedSample, Tracker, torque_weights,
 };
 use palpate::{Arm, CellId, ContactConfig, EstimatorConfig, Lattice, MapperConfig, Sample, Tare};
 use rayon::prelude::*;
 
-use crate::elastic::{BodyTorques, Settled};
+use crate::elastic::{BodyTorques, ConvergenceCounts};
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::regression::Frames;
 
 /// A touch as logged, with the true torques if they are known.
 #[derive(Debug, Clone)]
-pub struct Touch {
+pub struct TouchSamples {
     /// Name of the touch.
     pub name: String,
     /// Its samples in order.
@@ -32,7 +32,7 @@ pub struct Touch {
 
 /// All touches, tracked.
 #[derive(Debug, Clone)]
-pub struct Tracked {
+pub struct TrackedTouches {
     /// The touches in the order in which they were given.
     pub touches: Vec<TrackedTouch>,
     /// The lattice of the cells.
@@ -57,12 +57,12 @@ pub struct TrackedTouch {
     /// Torques during the tare, with the bias, n_joints, N·m.
     of_tare: Vec<DVector<f64>>,
     /// The motion of the arm while it touches something.
-    pub(crate) in_contact: Motion,
+    pub(crate) in_contact: PathLength,
 }
 
 /// Path length and duration of a motion; 0 without times.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Motion {
+pub(crate) struct PathLength {
     /// Path of the fastest point of the arm, m.
     pub(crate) path_m: f64,
     /// Duration, s.
@@ -88,7 +88,7 @@ pub struct TrackedFrame {
     pub target: Vec<f64>,
 }
 
-impl Tracked {
+impl TrackedTouches {
     /// Tracks all touches, in parallel; the result does not depend on the number of threads.
     ///
     /// `stop` is polled before every sample.
@@ -99,7 +99,7 @@ impl Tracked {
     pub fn new(
         arm: &Arc<Arm>,
         config: &MapperConfig,
-        touches: &[Touch],
+        touches: &[TouchSamples],
         stop: Stop<'_>,
     ) -> Result<Self, LearnError> {
         touches.iter().try_for_each(|touch| check_truth(touch, arm.robot.n_joints()))?;
@@ -111,12 +111,12 @@ impl Tracked {
     /// # Errors
     ///
     /// If a setting of the contact model is out of its range, or on being stopped.
-    pub fn under(
+    pub fn with_contact_model(
         &self,
         contact: &ContactConfig,
         arm: &Arc<Arm>,
         config: &MapperConfig,
-        (touches, n): (&[Touch], usize),
+        (touches, n): (&[TouchSamples], usize),
         stop: Stop<'_>,
     ) -> Result<Self, LearnError> {
         let mut config = config.clone();
@@ -140,7 +140,7 @@ impl Tracked {
         mut self,
         arm: &Arc<Arm>,
         bodies: &[Arc<ElasticBody>],
-        (touches, training): (&[Touch], &[Vec<usize>]),
+        (touches, training): (&[TouchSamples], &[Vec<usize>]),
         (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
     ) -> Result<Self, LearnError> {
         let mut torques = BodyTorques::new(bodies);
@@ -150,7 +150,7 @@ impl Tracked {
     }
 
     /// How often the simulation of the body converged, if there is a body.
-    pub fn settled(&self) -> Option<Settled> {
+    pub fn settled(&self) -> Option<ConvergenceCounts> {
         Some(self.body.as_ref()?.settled)
     }
 
@@ -175,20 +175,20 @@ impl Tracked {
     fn track(
         arm: &Arc<Arm>,
         config: &MapperConfig,
-        touches: &[Touch],
+        touches: &[TouchSamples],
         (like, every): (Option<&Self>, usize),
         stop: Stop<'_>,
     ) -> Result<Self, LearnError> {
         let (contact, touch) = (config.contact.clone(), config.touch.clone());
         let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), &contact, touch)?;
         let first = touches.iter().flat_map(|touch| &touch.samples).map(|sample| &sample.q).next();
-        let track = |(number, touch): (usize, &Touch)| {
+        let track = |(number, touch): (usize, &TouchSamples)| {
             let like = like.map(|like| like.touches[number].frames.as_slice());
             follow(tracker.clone(), (number, touch), (first, like, every.max(1)), stop)
         };
         let mut observations = ObservationBuilder::new(CellRows::new(config.lattice.clone()));
         let mut tracked = Vec::with_capacity(touches.len());
-        let numbered: Vec<(usize, &Touch)> = touches.iter().enumerate().collect();
+        let numbered: Vec<(usize, &TouchSamples)> = touches.iter().enumerate().collect();
         // Contacts need more memory than observations, so only one chunk of touches has them at a time.
         for some in numbered.chunks(rayon::current_num_threads().max(1)) {
             let followed: Vec<_> = some.par_iter().map(|touch| track(*touch)).collect();
@@ -215,7 +215,7 @@ impl Tracked {
     }
 
     /// By row, whether any of these touches has displaced the cell.
-    pub fn rows_met(&self, touches: &[usize]) -> Vec<bool> {
+    pub fn touched_rows(&self, touches: &[usize]) -> Vec<bool> {
         let mut met = vec![false; self.cells.len()];
         for frame in touches.iter().flat_map(|&touch| &self.touches[touch].frames) {
             frame.observation.rows().for_each(|row| met[row] = true);
@@ -224,8 +224,8 @@ impl Tracked {
     }
 
     /// All cells with the stiffness that `stiffness` gives for their row, N/m; called in the order of rows.
-    pub(crate) fn with_stiffness(&self, mut stiffness: impl FnMut(usize) -> f64) -> Vec<Cell> {
-        let cell = |(row, &point): (usize, &[f64; 3])| Cell::new(point, stiffness(row));
+    pub(crate) fn with_stiffness(&self, mut stiffness: impl FnMut(usize) -> f64) -> Vec<CellState> {
+        let cell = |(row, &point): (usize, &[f64; 3])| CellState::new(point, stiffness(row));
         self.points_m.iter().enumerate().map(cell).collect()
     }
 
@@ -284,7 +284,7 @@ impl TrackedFrame {
     }
 
     /// Predicted torque `τ̂ = Σ wᵢ Kᵢ` (Eq. 5), n_joints, N·m. Cells are by row; their stiffness counts as at least 0.
-    pub(crate) fn predict(&self, cells: &[Cell]) -> Vec<f64> {
+    pub(crate) fn predict(&self, cells: &[CellState]) -> Vec<f64> {
         self.observation.predict(cells, Stiffness::Positive).as_slice().to_vec()
     }
 }
@@ -339,7 +339,7 @@ impl Followed {
     fn observed(
         self,
         arm: &Arm,
-        touch: &Touch,
+        touch: &TouchSamples,
         observations: &mut ObservationBuilder,
     ) -> TrackedFrame {
         let Sample { time_s, ref q, .. } = touch.samples[self.sample];
@@ -361,7 +361,7 @@ impl Followed {
 /// their torques), and the torques during the tare, with the bias.
 fn follow(
     mut tracker: Tracker,
-    (number, touch): (usize, &Touch),
+    (number, touch): (usize, &TouchSamples),
     (first, like, every): (Option<&Vec<f64>>, Option<&[TrackedFrame]>, usize),
     stop: Stop<'_>,
 ) -> Result<(Vec<Followed>, Vec<DVector<f64>>), LearnError> {
@@ -410,8 +410,8 @@ fn follow(
 }
 
 /// The motion of the arm between successive frames in contact.
-fn in_contact(arm: &Arm, frames: &[Followed], touch: &Touch) -> Motion {
-    frames.windows(2).fold(Motion::default(), |sum, pair| {
+fn in_contact(arm: &Arm, frames: &[Followed], touch: &TouchSamples) -> PathLength {
+    frames.windows(2).fold(PathLength::default(), |sum, pair| {
         let time_s = |of: &Followed| touch.samples[of.sample].time_s;
         let passed_s = time_s(&pair[1]).zip(time_s(&pair[0])).map(|(now, before)| now - before);
         let touches = pair.iter().all(|frame| !frame.tracked.contacts.is_empty());
@@ -419,14 +419,14 @@ fn in_contact(arm: &Arm, frames: &[Followed], touch: &Touch) -> Motion {
             Some(passed_s) => {
                 let [from, to] = [0, 1].map(|of| &pair[of].tracked.poses.world_from_link);
                 let path_m = sum.path_m + arm.travel_m(from, to);
-                Motion { path_m, time_s: sum.time_s + passed_s }
+                PathLength { path_m, time_s: sum.time_s + passed_s }
             }
             None => sum,
         }
     })
 }
 
-fn check_truth(touch: &Touch, n_joints: usize) -> Result<(), LearnError> {
+fn check_truth(touch: &TouchSamples, n_joints: usize) -> Result<(), LearnError> {
     let Some(truth) = &touch.truth else { return Ok(()) };
     let odd = truth.iter().map(Vec::len).find(|n| *n != n_joints);
     if truth.len() == touch.samples.len() && odd.is_none() {

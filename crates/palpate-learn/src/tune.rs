@@ -20,12 +20,12 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{LearnError, Stop};
-use crate::errors::ErrorSum;
 use crate::evaluation::MeanStd;
 use crate::folds::{Fold, among};
 use crate::method::Method;
 use crate::study::for_thinned;
-use crate::tracked::{Touch, Tracked};
+use crate::torque_errors::ErrorSum;
+use crate::tracked::{TouchSamples, TrackedTouches};
 
 /// Contact distance, m, friction and Coulomb friction of the contact models that are tried besides the given one.
 /// Objects differ most in these. Chosen on 18 simulated objects: the default, the two with the smallest mean error, and
@@ -55,7 +55,7 @@ const TORQUE_STDS: [f64; 3] = [0.7, 1.0, 1.4];
 const REPLAYS: [u32; 3] = [10, 20, 40];
 
 /// If the best score is above this, touches do not predict each other ([`Tuned::is_all_noise`]).
-const MOST_ERROR: f64 = 0.95;
+const MAX_ERROR: f64 = 0.95;
 /// About the most frames, over all touches, that a candidate learns and predicts: in a thorough and in a quick search.
 const FRAMES: usize = 1_200;
 const QUICK_FRAMES: usize = 300;
@@ -66,14 +66,14 @@ const SCALES: u32 = 20;
 
 /// Size of a thorough search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Effort {
+pub struct SearchBudget {
     /// Number of candidates in the first round.
     pub candidates: usize,
     /// Seed of the random candidates.
     pub seed: u64,
 }
 
-impl Effort {
+impl SearchBudget {
     /// As many candidates as a few minutes on two cores allow; `ekf` takes three times as long as `map`.
     pub fn of(method: EstimatorKind) -> Self {
         let candidates = match method {
@@ -86,7 +86,7 @@ impl Effort {
 
 /// Which settings the user has given: a quick search does not change them.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Given {
+pub struct FixedSettings {
     /// Contact distance δ.
     pub contact_distance: bool,
     /// Friction μ.
@@ -107,7 +107,7 @@ pub struct Given {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Search {
     candidates: Vec<MapperConfig>,
-    given: Given,
+    given: FixedSettings,
     /// About the most frames that a candidate learns and predicts.
     frames: usize,
     /// Whether there is a last round of leave-one-touch-out.
@@ -116,7 +116,7 @@ pub struct Search {
 
 impl Search {
     /// Few candidates, which differ only in settings that the user has not given. Takes seconds for ten touches.
-    pub fn quick(config: &MapperConfig, given: Given) -> Self {
+    pub fn quick(config: &MapperConfig, given: FixedSettings) -> Self {
         let mut candidates = vec![config.clone()];
         for model in CONTACTS.into_iter().chain([HARD_CONTACT]) {
             for (mean, std) in QUICK_PRIORS {
@@ -138,8 +138,8 @@ impl Search {
     }
 
     /// Candidates drawn at random around the given settings. Takes minutes for ten touches.
-    pub fn thorough(config: &MapperConfig, effort: Effort) -> Self {
-        let (candidates, given) = (draw(config, effort), Given::default());
+    pub fn thorough(config: &MapperConfig, effort: SearchBudget) -> Self {
+        let (candidates, given) = (draw(config, effort), FixedSettings::default());
         Self { candidates, given, frames: FRAMES, one_by_one: true }
     }
 
@@ -177,7 +177,7 @@ type ByScale = Vec<Score>;
 pub struct Tuner {
     search: Search,
     /// The touches under each contact model.
-    tracked: Vec<(ContactConfig, Tracked)>,
+    tracked: Vec<(ContactConfig, TrackedTouches)>,
     /// `tracked` has every n-th frame; this is n.
     every: usize,
 }
@@ -192,7 +192,7 @@ impl Tuner {
     ///
     /// If the given settings are out of their range, or on being stopped.
     pub fn new(
-        (arm, touches, base): (&Arc<Arm>, &[Touch], &Tracked),
+        (arm, touches, base): (&Arc<Arm>, &[TouchSamples], &TrackedTouches),
         config: &MapperConfig,
         search: Search,
         stop: Stop<'_>,
@@ -201,13 +201,13 @@ impl Tuner {
         drop(config.estimator(base.n_joints)?); // refused before anything is simulated
         let frames: usize = base.touches.iter().map(|touch| touch.frames.len()).sum();
         let every = frames.div_ceil(search.frames).max(1);
-        let mut tracked: Vec<(ContactConfig, Tracked)> = Vec::new();
+        let mut tracked: Vec<(ContactConfig, TrackedTouches)> = Vec::new();
         for MapperConfig { contact, .. } in &search.candidates {
             if tracked.iter().all(|(model, _)| model != contact) {
                 let frames = if *contact == config.contact {
                     base.thinned(every)
                 } else {
-                    base.under(contact, arm, config, (touches, every), stop)?
+                    base.with_contact_model(contact, arm, config, (touches, every), stop)?
                 };
                 tracked.push((contact.clone(), frames));
             }
@@ -248,7 +248,7 @@ impl Tuner {
         let trials: Vec<Trial> = trials.into_iter().map(|(trial, _)| trial).collect();
         let mut config = trials[0].config.clone();
         let score = trials[0].scores.last().copied().unwrap_or_default();
-        let is_all_noise = score > MOST_ERROR
+        let is_all_noise = score > MAX_ERROR
             && !self.search.given.torque_std
             && config.method == EstimatorKind::Map;
         if is_all_noise {
@@ -370,7 +370,7 @@ fn mean_score<'a>(touches: &(impl Iterator<Item = &'a Score> + Clone)) -> f64 {
 }
 
 /// Random candidates around the given settings. The given settings are the first, those for hard objects the last.
-fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
+fn draw(config: &MapperConfig, effort: SearchBudget) -> Vec<MapperConfig> {
     let mut rng = ChaCha8Rng::seed_from_u64(effort.seed);
     let mut pick = |n: usize| ((u64::from(rng.next_u32()) * n as u64) >> 32) as usize;
     let mut candidates = vec![config.clone()];
@@ -381,7 +381,7 @@ fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
         }
         let mut candidate = config.clone();
         if let Some(model) = CONTACTS.get(pick(CONTACTS.len() + 1)) {
-            set_contact(&mut candidate.contact, *model, Given::default());
+            set_contact(&mut candidate.contact, *model, FixedSettings::default());
         }
         let estimator = &mut candidate.estimator;
         let above = PRIOR_MEANS[pick(PRIOR_MEANS.len())] * estimator.prior.std_n_per_m;
@@ -397,7 +397,7 @@ fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
         }
     }
     let mut hard = config.clone();
-    set_contact(&mut hard.contact, HARD_CONTACT, Given::default());
+    set_contact(&mut hard.contact, HARD_CONTACT, FixedSettings::default());
     hard.estimator.prior.std_n_per_m *= HARD_PRIOR_STD;
     if candidates.len() < effort.candidates {
         candidates.push(hard);
@@ -406,7 +406,7 @@ fn draw(config: &MapperConfig, effort: Effort) -> Vec<MapperConfig> {
 }
 
 /// Sets the parameters of a contact model that the user has not given.
-fn set_contact(contact: &mut ContactConfig, model: [f64; 3], given: Given) {
+fn set_contact(contact: &mut ContactConfig, model: [f64; 3], given: FixedSettings) {
     let [distance_m, friction, coulomb_friction] = model;
     if !given.contact_distance {
         contact.contact_distance_m = distance_m;

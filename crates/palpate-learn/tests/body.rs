@@ -3,7 +3,9 @@
 
 use nalgebra::{Point3, Vector3};
 use palpate::unstable::{ElasticBody, Segment, SegmentKind};
-use palpate_learn::body::{ObjectHints, ObjectKind, Picture, guess_viewpoint, readings};
+use palpate_learn::body::{
+    ObjectCloud, ObjectHints, ObjectKind, candidate_bodies, guess_viewpoint,
+};
 
 const BROWN: [u8; 3] = [110, 65, 30];
 const GREEN: [u8; 3] = [40, 110, 30];
@@ -65,12 +67,12 @@ impl Seen {
         }
     }
 
-    fn picture(&self, viewpoint: Option<Point3<f64>>) -> Picture<'_> {
-        Picture { points: &self.points, colours: &self.colours, viewpoint }
+    fn picture(&self, viewpoint: Option<Point3<f64>>) -> ObjectCloud<'_> {
+        ObjectCloud { points: &self.points, colours: &self.colours, viewpoint }
     }
 
     fn body(&self, viewpoint: Option<Point3<f64>>) -> ElasticBody {
-        readings(&[self.picture(viewpoint)], &of_kind(ObjectKind::Plant)).remove(0)
+        candidate_bodies(&[self.picture(viewpoint)], &of_kind(ObjectKind::Plant)).remove(0)
     }
 }
 
@@ -168,12 +170,15 @@ fn clouds_without_a_body_are_none_rather_than_a_panic() {
         for colours in [vec![BROWN; points.len()], vec![GREEN; points.len()]] {
             for viewpoint in [None, Some(EYE)] {
                 // Any body is allowed, also a meaningless one.
-                readings(&[Picture { points: &points, colours: &colours, viewpoint }], &plants);
+                candidate_bodies(
+                    &[ObjectCloud { points: &points, colours: &colours, viewpoint }],
+                    &plants,
+                );
             }
         }
     }
-    assert_eq!(readings(&[], &plants), []);
-    assert_eq!(readings(&[], &ObjectHints::default()), []);
+    assert_eq!(candidate_bodies(&[], &plants), []);
+    assert_eq!(candidate_bodies(&[], &ObjectHints::default()), []);
 }
 
 #[test]
@@ -186,9 +191,9 @@ fn two_cameras_see_a_stem_from_both_sides_and_it_is_as_thick_as_it_is() {
         seen
     });
     let pictures = [seen[0].picture(Some(eyes[0])), seen[1].picture(Some(eyes[1]))];
-    let bodies = readings(&pictures, &ObjectHints::default());
+    let bodies = candidate_bodies(&pictures, &ObjectHints::default());
     let guessed = [seen[0].picture(None), seen[1].picture(None)];
-    for body in [&bodies[0], &readings(&guessed, &ObjectHints::default())[0]] {
+    for body in [&bodies[0], &candidate_bodies(&guessed, &ObjectHints::default())[0]] {
         let stem = wood(body).into_iter().filter(|segment| segment.branch == 0);
         for segment in stem.filter(|segment| segment.start_m[2] > 0.11) {
             let off = distance_from_rod(&segment.start(), [0.5, 0.0, 0.08], [0.5, 0.0, 0.6]);
@@ -209,15 +214,16 @@ fn two_cameras_see_a_stem_from_both_sides_and_it_is_as_thick_as_it_is() {
 #[test]
 fn a_camera_that_looked_elsewhere_changes_nothing() {
     let seen = plant();
-    let alone = readings(&[seen.picture(Some(EYE))], &ObjectHints::default());
-    let empty = Picture { points: &[], colours: &[], viewpoint: Some(Point3::new(1.0, 1.0, 1.0)) };
-    let with_empty = readings(&[seen.picture(Some(EYE)), empty], &ObjectHints::default());
+    let alone = candidate_bodies(&[seen.picture(Some(EYE))], &ObjectHints::default());
+    let empty =
+        ObjectCloud { points: &[], colours: &[], viewpoint: Some(Point3::new(1.0, 1.0, 1.0)) };
+    let with_empty = candidate_bodies(&[seen.picture(Some(EYE)), empty], &ObjectHints::default());
     assert_eq!(alone, with_empty);
     // A close-up of the foot does not show the space behind the leaf above.
     let mut foot = Seen { eye: Point3::new(0.5, -0.3, 0.12), ..Seen::default() };
     foot.rod([0.5, 0.0, 0.1], [0.5, 0.0, 0.14], [0.012, 0.01168], [2.0, 3.0]);
     let with_foot = [seen.picture(Some(EYE)), foot.picture(Some(foot.eye))];
-    let with_foot = readings(&with_foot, &ObjectHints::default());
+    let with_foot = candidate_bodies(&with_foot, &ObjectHints::default());
     let branches = |bodies: &[ElasticBody]| -> std::collections::BTreeSet<u32> {
         wood(&bodies[0]).iter().map(|segment| segment.branch).collect()
     };
@@ -229,7 +235,7 @@ fn a_plant_hangs_from_its_root_wherever_that_is() {
     let seen = plant();
     for (root, segment_from) in [([0.5, 0.0, 0.65], 0.65), ([0.5, 0.0, 0.6], 0.6)] {
         let hints = ObjectHints { roots_m: vec![root.into()], ..ObjectHints::default() };
-        let body = &readings(&[seen.picture(Some(EYE))], &hints)[0];
+        let body = &candidate_bodies(&[seen.picture(Some(EYE))], &hints)[0];
         let rooted = body.segments().iter().filter(|segment| segment.parent.is_none());
         let rooted: Vec<&Segment> = rooted.collect();
         assert_eq!(rooted.len(), 1);
@@ -239,7 +245,7 @@ fn a_plant_hangs_from_its_root_wherever_that_is() {
     // Two roots at one piece: both hold it, and nothing else does.
     let roots_m = vec![[0.5, 0.0, 0.1].into(), [0.5, 0.0, 0.6].into()];
     let hints = ObjectHints { roots_m, ..ObjectHints::default() };
-    let body = &readings(&[seen.picture(Some(EYE))], &hints)[0];
+    let body = &candidate_bodies(&[seen.picture(Some(EYE))], &hints)[0];
     let rooted = body.segments().iter().filter(|segment| segment.parent.is_none());
     let mut heights: Vec<f64> = rooted.map(|segment| segment.start_m[2]).collect();
     heights.sort_by(f64::total_cmp);
@@ -247,7 +253,7 @@ fn a_plant_hangs_from_its_root_wherever_that_is() {
     assert!((heights[0] - 0.1).abs() < 0.01 && (heights[1] - 0.6).abs() < 0.01, "{heights:?}");
     // A root far from all wood is used, too.
     let hints = ObjectHints { roots_m: vec![[0.5, 0.0, 0.0].into()], ..ObjectHints::default() };
-    let body = &readings(&[seen.picture(Some(EYE))], &hints)[0];
+    let body = &candidate_bodies(&[seen.picture(Some(EYE))], &hints)[0];
     assert_eq!(body.segments()[0].start_m, [0.5, 0.0, 0.0]);
 }
 
@@ -255,8 +261,8 @@ fn a_plant_hangs_from_its_root_wherever_that_is() {
 fn a_table_has_no_reading_and_a_plant_on_it_needs_to_be_cut_out() {
     let seen = plant();
     let kinds = |points: &[Point3<f64>], colours: &[[u8; 3]], kind| -> Vec<SegmentKind> {
-        let picture = Picture { points, colours, viewpoint: Some(EYE) };
-        let bodies = readings(&[picture], &ObjectHints { kind, ..ObjectHints::default() });
+        let picture = ObjectCloud { points, colours, viewpoint: Some(EYE) };
+        let bodies = candidate_bodies(&[picture], &ObjectHints { kind, ..ObjectHints::default() });
         let first = bodies.first().map_or(&[][..], |body| body.segments());
         first.iter().map(|segment| segment.kind).collect()
     };
@@ -289,8 +295,8 @@ fn a_cushion_is_blocks_whose_tops_are_where_its_surface_was_seen_in_two_material
     // Its side, down to the ground.
     points.extend((0..200).map(|at| Point3::new(0.0, -0.15, 0.001 * f64::from(at))));
     colours.extend([[40, 70, 180]; 200]);
-    let picture = Picture { points: &points, colours: &colours, viewpoint: None };
-    let bodies = readings(&[picture], &ObjectHints::default());
+    let picture = ObjectCloud { points: &points, colours: &colours, viewpoint: None };
+    let bodies = candidate_bodies(&[picture], &ObjectHints::default());
     assert_eq!(bodies.len(), 1);
     let body = &bodies[0];
     assert!(body.segments().len() > 60, "{} blocks", body.segments().len());
@@ -335,7 +341,7 @@ fn the_camera_of_the_bundled_plant_is_found_in_its_cloud() {
 #[test]
 fn the_first_reading_is_the_body_and_no_two_are_the_same() {
     let seen = plant();
-    let bodies = readings(&[seen.picture(Some(EYE))], &ObjectHints::default());
+    let bodies = candidate_bodies(&[seen.picture(Some(EYE))], &ObjectHints::default());
     assert_eq!(bodies[0], seen.body(Some(EYE)));
     for (number, body) in bodies.iter().enumerate() {
         assert!(!bodies[..number].contains(body), "reading {number}");

@@ -3,18 +3,20 @@
 
 mod common;
 
-use palpate::unstable::{Cell, Stiffness};
+use palpate::unstable::{CellState, Stiffness};
 use palpate::{BandQuantiles, Calibration, EstimatorKind, Field, MapperConfig};
 use palpate_learn::LearnError;
-use palpate_learn::change::moved::{Motion, moved};
+use palpate_learn::change::moved::{ObjectMotion, moved};
 use palpate_learn::change::{Change, compare};
-use palpate_learn::tracked::Tracked;
+use palpate_learn::tracked::TrackedTouches;
 
 const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
 
-fn tracked() -> Tracked {
+fn tracked() -> TrackedTouches {
     let config = MapperConfig::of(EstimatorKind::Map);
-    Tracked::new(&common::arm(), &config, &common::touches(&[2, 8]), NEVER).unwrap().thinned(4)
+    TrackedTouches::new(&common::arm(), &config, &common::touches(&[2, 8]), NEVER)
+        .unwrap()
+        .thinned(4)
 }
 
 /// Stiffness of a place, N/m: three lumps around the middle of the touched cells.
@@ -28,13 +30,13 @@ fn lumps([x, y, z]: [f64; 3], middle: [f64; 3], apart_m: f64) -> f64 {
     lump([1.0, 0.0, 0.0], 3.0) + lump([-1.0, 0.5, 0.3], 5.0) + lump([0.0, -1.0, 0.5], 4.0)
 }
 
-fn middle(tracked: &Tracked) -> [f64; 3] {
+fn middle(tracked: &TrackedTouches) -> [f64; 3] {
     let n = tracked.points_m.len() as f64;
     [0, 1, 2].map(|axis| tracked.points_m.iter().map(|point| point[axis]).sum::<f64>() / n)
 }
 
 /// A field of all touched cells with three lumps, and small misfits of its held-out touches.
-fn field(tracked: &Tracked) -> Field {
+fn field(tracked: &TrackedTouches) -> Field {
     let n = tracked.cells.len();
     let config = MapperConfig::of(EstimatorKind::Map);
     let mut field = Field::new(tracked.lattice.clone(), config.contact, config.touch, 0.0);
@@ -60,11 +62,11 @@ fn field(tracked: &Tracked) -> Field {
 }
 
 /// Gives every frame the torque of a field, times a factor.
-fn with_torques_of(mut tracked: Tracked, field: &Field, factor: f64) -> Tracked {
+fn with_torques_of(mut tracked: TrackedTouches, field: &Field, factor: f64) -> TrackedTouches {
     let known: std::collections::HashMap<_, _> =
         field.cells.iter().zip(&field.stiffness_n_per_m).collect();
-    let cells: Vec<Cell> = (tracked.cells.iter().zip(&tracked.points_m))
-        .map(|(cell, point)| Cell::new(*point, **known.get(cell).unwrap_or(&&0.0)))
+    let cells: Vec<CellState> = (tracked.cells.iter().zip(&tracked.points_m))
+        .map(|(cell, point)| CellState::new(*point, **known.get(cell).unwrap_or(&&0.0)))
         .collect();
     for frame in tracked.touches.iter_mut().flat_map(|touch| &mut touch.frames) {
         let tau = factor * frame.observation.predict(&cells, Stiffness::Positive);
@@ -103,14 +105,17 @@ fn what_was_changed_is_named() {
         tracked.points_m.iter().map(|point| lumps(far(*point), middle, 0.14)).collect();
     assert_eq!(found(&other, 1.0).change, Change::Other);
 
-    let motion =
-        Motion { shift_m: [0.02, -0.025, 0.0], turn_rad: 0.1, about_m: [middle[0], middle[1]] };
+    let motion = ObjectMotion {
+        shift_m: [0.02, -0.025, 0.0],
+        turn_rad: 0.1,
+        about_m: [middle[0], middle[1]],
+    };
     let comparison = found(&moved(&field, motion), 1.0);
     let Change::Moved(back) = comparison.change else { panic!("{comparison:?}") };
     let centre = back.about_m;
     // The two motions have different centres of turn, so they are compared by where they move one
     // point.
-    let goes = |motion: Motion| {
+    let goes = |motion: ObjectMotion| {
         let (sin, cos) = motion.turn_rad.sin_cos();
         let [x, y] = [centre[0] - motion.about_m[0], centre[1] - motion.about_m[1]];
         [
@@ -132,7 +137,7 @@ fn a_repeated_touch_is_compared_with_the_earlier_torques_however_bad_the_field_i
     truth.stiffness_n_per_m =
         cells.iter().map(|[x, y, z]| lumps([2.0 * middle[0] - x, *y, *z], middle, 0.14)).collect();
     let learnt = with_torques_of(tracked.clone(), &truth, 1.0);
-    let found = |factor: f64, learnt: Option<&Tracked>| {
+    let found = |factor: f64, learnt: Option<&TrackedTouches>| {
         let new = with_torques_of(tracked.clone(), &truth, factor);
         compare((&arm, &new), &field, learnt, NEVER).unwrap().1
     };
@@ -167,7 +172,8 @@ fn a_repeated_touch_is_compared_with_the_earlier_torques_however_bad_the_field_i
     assert_eq!(noisy.change, Change::Unchanged, "{noisy:?}");
     // A touch on another path repeats nothing.
     let config = MapperConfig::of(EstimatorKind::Map);
-    let others = Tracked::new(&arm, &config, &common::touches(&[5]), NEVER).unwrap().thinned(4);
+    let others =
+        TrackedTouches::new(&arm, &config, &common::touches(&[5]), NEVER).unwrap().thinned(4);
     assert_eq!(found(1.0, Some(&others)), alone);
 }
 
@@ -180,7 +186,7 @@ fn a_touch_that_repeats_one_finds_a_moved_object_of_which_the_field_predicts_not
     let learnt = with_torques_of(tracked.clone(), &truth, 1.0);
     let middle = middle(&tracked);
     for shift_m in [[0.05, 0.0, 0.0], [-0.05, 0.0, 0.0], [0.03, 0.03, 0.0]] {
-        let motion = Motion { shift_m, turn_rad: 0.0, about_m: [middle[0], middle[1]] };
+        let motion = ObjectMotion { shift_m, turn_rad: 0.0, about_m: [middle[0], middle[1]] };
         let new = with_torques_of(tracked.clone(), &moved(&truth, motion), 1.0);
         let found = compare((&arm, &new), &field, Some(&learnt), NEVER).unwrap().1;
         assert!(matches!(found.change, Change::Moved(_)), "{shift_m:?}: {found:?}");
@@ -191,7 +197,7 @@ fn a_touch_that_repeats_one_finds_a_moved_object_of_which_the_field_predicts_not
 fn a_field_is_moved_by_whole_cells_exactly_and_by_nothing_not_at_all() {
     let tracked = tracked();
     let field = field(&tracked);
-    let still = Motion { shift_m: [0.0; 3], turn_rad: 0.0, about_m: [0.3, 0.1] };
+    let still = ObjectMotion { shift_m: [0.0; 3], turn_rad: 0.0, about_m: [0.3, 0.1] };
     let sorted = |field: &Field| {
         let rows = field.cells.iter().zip(&field.stiffness_n_per_m).zip(&field.counts);
         let mut rows: Vec<_> = rows.map(|((cell, k), count)| (cell.0, *k, *count)).collect();
@@ -207,7 +213,7 @@ fn a_field_is_moved_by_whole_cells_exactly_and_by_nothing_not_at_all() {
     };
     assert!(same(&moved(&field, still), &field));
     let h = field.lattice.spacing_m();
-    let by = Motion { shift_m: [2.0 * h, -h, h], ..still };
+    let by = ObjectMotion { shift_m: [2.0 * h, -h, h], ..still };
     let mut shifted = field.clone();
     for cell in &mut shifted.cells {
         let [i, j, k] = field.lattice.place(*cell);

@@ -10,9 +10,9 @@ use palpate::{
     Arm, BakeConfig, EstimatorKind, Lattice, Mapper, MapperConfig, PathConfig, PathPredictor,
     Predictor, Robot, Sample,
 };
-use palpate_learn::elastic::{self, BodyLearner, CONTACTS};
+use palpate_learn::elastic::{self, CONTACT_CANDIDATES, ElasticBodyLearner};
 use palpate_learn::folds::folds;
-use palpate_learn::tracked::{Touch, Tracked};
+use palpate_learn::tracked::{TouchSamples, TrackedTouches};
 
 const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
 
@@ -60,11 +60,16 @@ fn config() -> MapperConfig {
 }
 
 /// Simulated touches of a body that is stiffer by a factor, with this friction.
-fn touches(arm: &Arc<Arm>, factor: f64, friction: f64) -> Vec<Touch> {
+fn touches(arm: &Arc<Arm>, factor: f64, friction: f64) -> Vec<TouchSamples> {
     touches_of(&body(), arm, factor, friction)
 }
 
-fn touches_of(body: &Arc<ElasticBody>, arm: &Arc<Arm>, factor: f64, friction: f64) -> Vec<Touch> {
+fn touches_of(
+    body: &Arc<ElasticBody>,
+    arm: &Arc<Arm>,
+    factor: f64,
+    friction: f64,
+) -> Vec<TouchSamples> {
     let touch = |number: usize| {
         let config = ElasticContactConfig { friction, ..ElasticContactConfig::default() };
         let mut equilibrium = Equilibrium::new(Arc::clone(arm), Arc::clone(body), config);
@@ -76,7 +81,7 @@ fn touches_of(body: &Arc<ElasticBody>, arm: &Arc<Arm>, factor: f64, friction: f6
             let tau = equilibrium.torques(&poses).column_sum() * factor;
             Sample::new(None, q, tau.as_slice().to_vec())
         };
-        Touch {
+        TouchSamples {
             name: format!("touch_{number}"),
             samples: (0..48).map(sample).collect(),
             truth: None,
@@ -85,8 +90,8 @@ fn touches_of(body: &Arc<ElasticBody>, arm: &Arc<Arm>, factor: f64, friction: f6
     (0..4).map(touch).collect()
 }
 
-fn tracked(arm: &Arc<Arm>, body: &Arc<ElasticBody>, touches: &[Touch]) -> Tracked {
-    let tracked = Tracked::new(arm, &config(), touches, NEVER).unwrap();
+fn tracked(arm: &Arc<Arm>, body: &Arc<ElasticBody>, touches: &[TouchSamples]) -> TrackedTouches {
+    let tracked = TrackedTouches::new(arm, &config(), touches, NEVER).unwrap();
     let (bodies, training) = (std::slice::from_ref(body), [vec![0, 1, 2, 3]]);
     tracked.with_bodies(arm, bodies, (touches, &training), (NEVER, &|| ())).unwrap()
 }
@@ -94,7 +99,7 @@ fn tracked(arm: &Arc<Arm>, body: &Arc<ElasticBody>, touches: &[Touch]) -> Tracke
 #[test]
 fn stiffness_and_friction_of_a_known_body_come_back() {
     let arm = arm();
-    let friction = CONTACTS[1][0];
+    let friction = CONTACT_CANDIDATES[1][0];
     let touches = touches(&arm, 2.0, friction);
     let tracked = tracked(&arm, &body(), &touches);
     for fold in folds(4, 4) {
@@ -117,7 +122,7 @@ fn stiffness_and_friction_of_a_known_body_come_back() {
 fn a_field_with_its_body_predicts_what_was_predicted_of_the_touch_left_out() {
     let arm = arm();
     // Twice as far, so that field, body and both have a weight above 0.
-    let mut touches = touches(&arm, 2.0, CONTACTS[1][0]);
+    let mut touches = touches(&arm, 2.0, CONTACT_CANDIDATES[1][0]);
     touches.iter_mut().flat_map(|touch| &mut touch.samples).for_each(|s| s.tau[0] += s.q[1]);
     let tracked = tracked(&arm, &body(), &touches);
     let fold = &folds(4, 4)[2];
@@ -165,7 +170,7 @@ fn trees_of_unlike_stiffness_side_by_side_are_distinguished() {
     };
     let true_body: Vec<Segment> = body().segments().iter().map(stiffer).collect();
     let true_body = Arc::new(ElasticBody::new(true_body).unwrap());
-    let touches = touches_of(&true_body, &arm, 1.0, CONTACTS[1][0]);
+    let touches = touches_of(&true_body, &arm, 1.0, CONTACT_CANDIDATES[1][0]);
     let tracked = tracked(&arm, &body(), &touches);
     for fold in folds(4, 4) {
         let found = elastic::predict(&tracked, &fold, &config(), NEVER).unwrap();
@@ -217,11 +222,13 @@ fn raised(by_m: f64) -> Arc<ElasticBody> {
 #[test]
 fn touches_learnt_one_by_one_give_the_body_of_all_at_once_and_old_ones_are_forgotten() {
     let arm = arm();
-    let samples: Vec<Vec<Sample>> =
-        touches(&arm, 2.0, CONTACTS[1][0]).into_iter().map(|touch| touch.samples).collect();
+    let samples: Vec<Vec<Sample>> = touches(&arm, 2.0, CONTACT_CANDIDATES[1][0])
+        .into_iter()
+        .map(|touch| touch.samples)
+        .collect();
     let bodies = [body(), raised(0.05)];
     let quietly: (_, &(dyn Fn() + Sync)) = (NEVER, &|| ());
-    let begin = || BodyLearner::new(&arm, &config(), &bodies);
+    let begin = || ElasticBodyLearner::new(&arm, &config(), &bodies);
     let at_once = |touches: &[Vec<Sample>]| begin().learn(touches.to_vec(), quietly).unwrap();
     let mut learner = begin();
     for samples in &samples {
@@ -259,14 +266,14 @@ fn a_material_that_no_touch_has_met_is_taken_as_before_any_touch() {
     };
     let blocks = [(0, [0.25, 0.1]), (1, [0.25, -0.4])].map(block);
     let body = Arc::new(ElasticBody::new(blocks.to_vec()).unwrap());
-    let factors = |touches: &[Touch]| {
+    let factors = |touches: &[TouchSamples]| {
         let samples = touches.iter().map(|touch| touch.samples.clone());
-        let mut learner = BodyLearner::new(&arm, &config(), std::slice::from_ref(&body));
+        let mut learner = ElasticBodyLearner::new(&arm, &config(), std::slice::from_ref(&body));
         let model = learner.learn(samples, (NEVER, &|| ())).unwrap();
         model.variants[0].stiffness_factors.clone()
     };
     let untouched = factors(&[]);
-    let touched = factors(&touches_of(&body, &arm, 2.0, CONTACTS[1][0])[..1]);
+    let touched = factors(&touches_of(&body, &arm, 2.0, CONTACT_CANDIDATES[1][0])[..1]);
     assert!((touched[0] / 2.0).ln().abs() < 0.1, "{touched:?}, wanted 2");
     assert_eq!(touched[1], untouched[1]);
 }
@@ -274,9 +281,9 @@ fn a_material_that_no_touch_has_met_is_taken_as_before_any_touch() {
 #[test]
 fn a_path_bends_the_body_as_the_same_motion_does_step_by_step() {
     let arm = arm();
-    let touches = touches(&arm, 2.0, CONTACTS[4][0]);
+    let touches = touches(&arm, 2.0, CONTACT_CANDIDATES[4][0]);
     let samples = touches[..3].iter().map(|touch| touch.samples.clone());
-    let model = BodyLearner::new(&arm, &config(), &[body()]).learn(samples, (NEVER, &|| ()));
+    let model = ElasticBodyLearner::new(&arm, &config(), &[body()]).learn(samples, (NEVER, &|| ()));
     let model = model.unwrap();
     let mut mapper = Mapper::new(Arc::clone(&arm), config()).unwrap();
     let mut bent = ElasticTorque::new(&arm, &model);

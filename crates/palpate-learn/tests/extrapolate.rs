@@ -6,19 +6,20 @@ mod common;
 use nalgebra::Point3;
 use palpate::{EstimatorKind as Estimator, Field, MapperConfig};
 use palpate_io::cloud;
-use palpate_learn::extrapolate::compare::{CompareError, Plan};
+use palpate_learn::extrapolate::compare::{CompareError, ComparisonPlan};
 use palpate_learn::extrapolate::{
-    Config, ExtrapolateError, Method, SeenCloud, area_under_roc, extrapolate, spearman,
+    ExtrapolateError, ExtrapolationConfig, ExtrapolationMethod, SeenCloud, area_under_roc,
+    extrapolate, spearman,
 };
-use palpate_learn::tracked::Tracked;
+use palpate_learn::tracked::TrackedTouches;
 
 const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
 
 /// Some of the bundled touches, every Nth frame kept.
-fn tracked(touches: &[usize], every: usize) -> Tracked {
+fn tracked(touches: &[usize], every: usize) -> TrackedTouches {
     let config = MapperConfig::of(Estimator::Map);
     let touches = common::touches(touches);
-    Tracked::new(&common::arm(), &config, &touches, NEVER).unwrap().thinned(every)
+    TrackedTouches::new(&common::arm(), &config, &touches, NEVER).unwrap().thinned(every)
 }
 
 fn object() -> SeenCloud {
@@ -27,7 +28,7 @@ fn object() -> SeenCloud {
 }
 
 /// A field of all touched cells in which K is a function of the place.
-fn field(tracked: &Tracked, k: impl Fn(usize) -> f64) -> Field {
+fn field(tracked: &TrackedTouches, k: impl Fn(usize) -> f64) -> Field {
     let n = tracked.cells.len();
     let config = MapperConfig::of(Estimator::Map);
     let mut field = Field::new(tracked.lattice.clone(), config.contact, config.touch, 0.0);
@@ -38,10 +39,10 @@ fn field(tracked: &Tracked, k: impl Fn(usize) -> f64) -> Field {
 }
 
 /// Gives every frame the torque of a stiffness by row.
-fn with_torques_of(mut tracked: Tracked, k: &dyn Fn(usize) -> f64) -> Tracked {
-    use palpate::unstable::{Cell, Stiffness};
-    let cell = |(row, &point): (usize, &[f64; 3])| Cell::new(point, k(row));
-    let cells: Vec<Cell> = tracked.points_m.iter().enumerate().map(cell).collect();
+fn with_torques_of(mut tracked: TrackedTouches, k: &dyn Fn(usize) -> f64) -> TrackedTouches {
+    use palpate::unstable::{CellState, Stiffness};
+    let cell = |(row, &point): (usize, &[f64; 3])| CellState::new(point, k(row));
+    let cells: Vec<CellState> = tracked.points_m.iter().enumerate().map(cell).collect();
     for frame in tracked.touches.iter_mut().flat_map(|touch| &mut touch.frames) {
         let tau = frame.observation.predict(&cells, Stiffness::Positive);
         frame.observation = frame.observation.clone().with_tau(&tau);
@@ -56,7 +57,7 @@ fn is_brown([red, green, _]: [u8; 3]) -> bool {
 #[test]
 fn two_colours_of_two_stiffnesses_are_distinguished_by_torque_alone() {
     let (seen, tracked) = (object(), tracked(&[2, 8], 4));
-    let config = Config { torque_std: 0.01, ..Config::default() }; // These torques have no noise.
+    let config = ExtrapolationConfig { torque_std: 0.01, ..ExtrapolationConfig::default() }; // These torques have no noise.
     let at = seen.at(&tracked.points_m, config.reach_m(&tracked.lattice));
     let made = |scale: f64| {
         let k = |row: usize| match at[row] {
@@ -93,7 +94,7 @@ fn two_colours_of_two_stiffnesses_are_distinguished_by_torque_alone() {
 #[test]
 fn how_often_a_log_was_sampled_hardly_matters() {
     let seen = object();
-    let config = Config::default();
+    let config = ExtrapolationConfig::default();
     let of = |every: usize| {
         let tracked = tracked(&[2, 8], every);
         extrapolate(&seen, &field(&tracked, |_| 0.0), Some(&tracked), &config)
@@ -107,8 +108,13 @@ fn how_often_a_log_was_sampled_hardly_matters() {
 #[test]
 fn wood_is_distinguished_from_leaf_on_the_bundled_touches() {
     let (seen, tracked) = (object(), tracked(&(0..11).collect::<Vec<_>>(), 2));
-    let found =
-        extrapolate(&seen, &field(&tracked, |_| 0.0), Some(&tracked), &Config::default()).unwrap();
+    let found = extrapolate(
+        &seen,
+        &field(&tracked, |_| 0.0),
+        Some(&tracked),
+        &ExtrapolationConfig::default(),
+    )
+    .unwrap();
     let truth = std::path::Path::new(common::DATA).join("truth");
     let truth = cloud::read_point_truth(&truth, seen.len()).unwrap();
     let untouched: Vec<usize> = (0..seen.len()).filter(|&point| !found.touched[point]).collect();
@@ -130,8 +136,8 @@ fn regressions_on_cells_carry_a_colour_over() {
         if at[row].is_some_and(brown) { 3.0 } else { 0.2 }
     };
     let brown: Vec<bool> = seen.colours().iter().map(|colour| is_brown(*colour)).collect();
-    for method in [Method::Cells, Method::Knn] {
-        let config = Config { method, ..Config::default() };
+    for method in [ExtrapolationMethod::Cells, ExtrapolationMethod::Knn] {
+        let config = ExtrapolationConfig { method, ..ExtrapolationConfig::default() };
         let found = extrapolate(&seen, &field(&tracked, k), None, &config).unwrap();
         let auc = area_under_roc(&found.stiffness_n_per_m, &brown).unwrap();
         assert!(auc > 0.99, "{method:?}: {auc}");
@@ -142,7 +148,8 @@ fn regressions_on_cells_carry_a_colour_over() {
 #[test]
 fn cells_at_seen_points_take_their_stiffness_and_no_others_do() {
     let (seen, tracked) = (object(), tracked(&[2], 20));
-    let config = Config { method: Method::Knn, ..Config::default() };
+    let config =
+        ExtrapolationConfig { method: ExtrapolationMethod::Knn, ..ExtrapolationConfig::default() };
     let field = field(&tracked, |row| (row % 7) as f64);
     let found = extrapolate(&seen, &field, None, &config).unwrap();
     let cells = found.cells(&seen, &field.lattice, &config);
@@ -162,7 +169,7 @@ fn cells_at_seen_points_take_their_stiffness_and_no_others_do() {
 fn what_cannot_be_carried_over_is_refused_with_what_is_wrong() {
     let (seen, tracked) = (object(), tracked(&[2], 20));
     let field = field(&tracked, |_| 1.0);
-    let config = Config::default();
+    let config = ExtrapolationConfig::default();
     let none = extrapolate(&seen, &field, None, &config);
     assert!(matches!(none, Err(ExtrapolateError::NoTorques)));
     let shifted = |by: [f64; 3]| {
@@ -185,7 +192,7 @@ fn what_cannot_be_carried_over_is_refused_with_what_is_wrong() {
     let alone = SeenCloud::new(&[Point3::from(corner)], &[[0, 0, 0]]).unwrap();
     let error = extrapolate(&alone, &field, Some(&tracked), &config).unwrap_err();
     assert!(matches!(error, ExtrapolateError::NoneTouched { .. }), "{error}");
-    let config = Config { length_scale: 0.0, ..config };
+    let config = ExtrapolationConfig { length_scale: 0.0, ..config };
     let error = extrapolate(&seen, &field, Some(&tracked), &config).unwrap_err();
     assert!(error.to_string().contains("`length_scale` is 0"), "{error}");
 }
@@ -193,7 +200,7 @@ fn what_cannot_be_carried_over_is_refused_with_what_is_wrong() {
 #[test]
 fn halves_are_compared_with_and_without_the_prior() {
     let (seen, four) = (object(), tracked(&[1, 2, 5, 8], 8));
-    let plan = Plan { halves: 2, ..Plan::of(&Config::default()) };
+    let plan = ComparisonPlan { halves: 2, ..ComparisonPlan::of(&ExtrapolationConfig::default()) };
     let mapper = MapperConfig::of(Estimator::Map);
     let rows = plan.run(&four, &seen, &mapper, NEVER, &|| {}).unwrap();
     assert_eq!(rows.len(), plan.variants.len() + 3);

@@ -8,7 +8,7 @@ use palpate::{
     Differentiation, ExternalTorqueConfig, Gravity, JointFriction, Payload, Robot, Sample,
     TorqueModel, external_torques,
 };
-use palpate_learn::identify::{Identified, IdentifyConfig, IdentifyError, identify};
+use palpate_learn::identify::{IdentifiedArm, IdentifyConfig, IdentifyError, identify};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
@@ -97,7 +97,7 @@ fn logs(joints_that_move: usize, presliding: f64) -> Vec<Vec<Sample>> {
     (0..3).map(touch).collect()
 }
 
-fn identified(logs: &[Vec<Sample>]) -> Result<Identified, IdentifyError> {
+fn identified(logs: &[Vec<Sample>]) -> Result<IdentifiedArm, IdentifyError> {
     let robot = Robot::built_in("kinova_gen3").unwrap();
     let payload_link = robot.bodies().last().unwrap();
     let touches: Vec<&[Sample]> = logs.iter().map(|touch| &touch[..]).collect();
@@ -128,8 +128,8 @@ fn is_found_again(logs: &[Vec<Sample>]) {
     is_right(&found);
 }
 
-fn is_right(found: &Identified) {
-    let near = |what: &str, value: palpate_learn::identify::Value, truth: f64, most: f64| {
+fn is_right(found: &IdentifiedArm) {
+    let near = |what: &str, value: palpate_learn::identify::Estimate, truth: f64, most: f64| {
         let off = (value.value - truth).abs();
         assert!(off < most, "{what}: {value:?}, put in {truth}");
         assert!(off < 4.0 * value.std + 1e-4, "{what}: {value:?}, put in {truth}");

@@ -4,32 +4,33 @@
 mod common;
 
 use nalgebra::DMatrix;
-use palpate::unstable::Cell;
+use palpate::unstable::CellState;
 use palpate::{EstimatorKind, Field, Gravity, MapperConfig, Sample, Tare};
 use palpate_learn::LearnError;
 use palpate_learn::next_touch::{Criterion, NextTouch, Task};
-use palpate_learn::tracked::Tracked;
+use palpate_learn::tracked::TrackedTouches;
 
 const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
 const STD_N_PER_M: f64 = 1.5;
 
 /// Some frames of bundled touches as planned motions; a number that occurs twice gives the same motion twice.
-fn motions(numbers: &[usize]) -> (Tracked, Field) {
+fn motions(numbers: &[usize]) -> (TrackedTouches, Field) {
     let mut touches = common::touches(numbers);
     for sample in touches.iter_mut().flat_map(|touch| &mut touch.samples) {
         *sample = Sample::new(None, sample.q.clone(), vec![0.0; 7]);
     }
     let mut config = MapperConfig::of(EstimatorKind::Map);
     (config.touch.gravity, config.touch.tare) = (Gravity::Removed, Tare::None);
-    let tracked = Tracked::new(&common::arm(), &config, &touches, NEVER).unwrap().thinned(80);
+    let tracked =
+        TrackedTouches::new(&common::arm(), &config, &touches, NEVER).unwrap().thinned(80);
     let field = Field::new(tracked.lattice.clone(), config.contact, config.touch, 0.0);
     (tracked, field)
 }
 
 /// H of all frames of a motion in contact: a row for each joint in each frame, a column for each cell.
-fn levers(tracked: &Tracked, motion: usize) -> DMatrix<f64> {
-    let mut cells: Vec<Cell> =
-        tracked.points_m.iter().map(|point| Cell::new(*point, 0.0)).collect();
+fn levers(tracked: &TrackedTouches, motion: usize) -> DMatrix<f64> {
+    let mut cells: Vec<CellState> =
+        tracked.points_m.iter().map(|point| CellState::new(*point, 0.0)).collect();
     let mut rows = Vec::new();
     for frame in tracked.touches[motion].frames.iter() {
         if frame.observation.n_contacts() == 0 {
@@ -39,7 +40,9 @@ fn levers(tracked: &Tracked, motion: usize) -> DMatrix<f64> {
             let mut row = vec![0.0; cells.len()];
             let mut unit = vec![0.0; tracked.n_joints];
             unit[joint] = 1.0;
-            frame.observation.spread(&mut cells, &unit, |_, cell, lever| row[cell] = lever);
+            frame
+                .observation
+                .transpose_times(&mut cells, &unit, |_, cell, lever| row[cell] = lever);
             rows.extend(row);
         }
     }
@@ -96,7 +99,7 @@ fn a_motion_that_was_made_teaches_little_more_and_the_task_itself_most() {
 fn a_box_is_learned_by_the_motion_that_enters_it() {
     let (tracked, field) = motions(&[2, 6]);
     let judge = NextTouch::new(&tracked, &field, (STD_N_PER_M, 0.2));
-    let met: Vec<Vec<bool>> = [0, 1].map(|motion| tracked.rows_met(&[motion])).to_vec();
+    let met: Vec<Vec<bool>> = [0, 1].map(|motion| tracked.touched_rows(&[motion])).to_vec();
     let only = |motion: usize| {
         let is = |row: &usize| met[motion][*row] && !met[1 - motion][*row];
         (0..tracked.points_m.len()).find(is).map(|row| tracked.points_m[row]).unwrap()

@@ -9,12 +9,12 @@ use palpate::unstable::{ElasticBody, Segment, SegmentKind};
 use palpate::{
     Arm, BakeConfig, EstimatorKind, Field, Lattice, Mapper, MapperConfig, Predictor, Robot, Sample,
 };
-use palpate_learn::evaluate::{Part, Plan};
-use palpate_learn::evaluation::Prediction;
+use palpate_learn::evaluate::{EvaluationPlan, FoldPrediction};
+use palpate_learn::evaluation::MethodPrediction;
 use palpate_learn::folds::{Fold, folds};
-use palpate_learn::method::{self, Method, Torques};
-use palpate_learn::tracked::{Touch, Tracked, TrackedFrame};
-use palpate_learn::tune::{Effort, Given, Search, Trial, Tuned, Tuner};
+use palpate_learn::method::{self, Method, TorquesByTouch};
+use palpate_learn::tracked::{TouchSamples, TrackedFrame, TrackedTouches};
+use palpate_learn::tune::{FixedSettings, Search, SearchBudget, Trial, Tuned, Tuner};
 
 /// Two links that swing about vertical axes, so that gravity does not reach the joints.
 const URDF: &str = r#"<robot name="tiny">
@@ -69,7 +69,7 @@ fn stem() -> Arc<ElasticBody> {
 }
 
 /// Still frames, then a swing of the shoulder with the elbow bent, into something springy.
-fn touch(number: usize) -> Touch {
+fn touch(number: usize) -> TouchSamples {
     let (way, bend) = (0.4 + 0.1 * number as f64, -0.3 * number as f64);
     let sample = |frame: usize| {
         let part = frame.saturating_sub(STILL) as f64 / (FRAMES - STILL) as f64;
@@ -79,19 +79,19 @@ fn touch(number: usize) -> Touch {
         let tau = vec![0.3 - 9.0 * push + noise, 0.1 - 3.0 * push - 0.5 * noise];
         Sample::new(None, q, tau)
     };
-    Touch {
+    TouchSamples {
         name: format!("touch_{number}"),
         samples: (0..FRAMES).map(sample).collect(),
         truth: None,
     }
 }
 
-fn touches(count: usize) -> Vec<Touch> {
+fn touches(count: usize) -> Vec<TouchSamples> {
     (0..count).map(touch).collect()
 }
 
-fn tracked(arm: &Arc<Arm>, config: &MapperConfig, touches: &[Touch]) -> Tracked {
-    let tracked = Tracked::new(arm, config, touches, NEVER).unwrap();
+fn tracked(arm: &Arc<Arm>, config: &MapperConfig, touches: &[TouchSamples]) -> TrackedTouches {
+    let tracked = TrackedTouches::new(arm, config, touches, NEVER).unwrap();
     let in_contact = |touch: usize| tracked.touches[touch].frames_in_contact();
     assert!((0..touches.len()).all(|touch| in_contact(touch) > 5), "the arm must touch something");
     tracked
@@ -101,7 +101,7 @@ fn tracked(arm: &Arc<Arm>, config: &MapperConfig, touches: &[Touch]) -> Tracked 
 fn mapped<'a>(
     arm: &Arc<Arm>,
     config: &MapperConfig,
-    touches: impl IntoIterator<Item = &'a Touch>,
+    touches: impl IntoIterator<Item = &'a TouchSamples>,
 ) -> Field {
     let mut mapper = Mapper::new(Arc::clone(arm), config.clone()).unwrap();
     for touch in touches {
@@ -113,7 +113,7 @@ fn mapped<'a>(
 }
 
 /// Torques that a field predicts for a touch from its tare on, frames × n_joints, N·m.
-fn predicted(arm: &Arc<Arm>, field: &Field, touch: &Touch) -> Vec<Vec<f64>> {
+fn predicted(arm: &Arc<Arm>, field: &Field, touch: &TouchSamples) -> Vec<Vec<f64>> {
     let mut predictor = Predictor::new(Arc::clone(arm), field, field.touch.clone()).unwrap();
     predictor.begin_touch();
     let predictions = touch.samples.iter().map(|sample| predictor.step(sample).unwrap());
@@ -204,7 +204,7 @@ fn an_estimator_predicts_what_the_field_of_a_mapper_predicts() {
 fn parts_are_the_same_to_the_bit_on_one_thread_and_on_two() {
     let (arm, touches) = (arm(), touches(4));
     let config = config(EstimatorKind::Map);
-    let plan = Plan {
+    let plan = EvaluationPlan {
         todo: vec![0, 1],
         methods: Method::ALL.into_iter().filter(|method| method.is_built()).collect(),
         folds: folds(4, 2),
@@ -217,8 +217,8 @@ fn parts_are_the_same_to_the_bit_on_one_thread_and_on_two() {
         let tracked = tracked.with_bodies(&arm, &[stem()], seen, (NEVER, &|| ())).unwrap();
         let done = Mutex::new(Vec::new());
         plan.run(&tracked, &plan.parts(), NEVER, &|part| done.lock().unwrap().push(part)).unwrap();
-        let parts: Vec<Part> = done.into_inner().unwrap();
-        let bits = |part: Part| {
+        let parts: Vec<FoldPrediction> = done.into_inner().unwrap();
+        let bits = |part: FoldPrediction| {
             let numbers = part.torques.iter().flatten().flatten();
             let bits: Vec<u64> = numbers.map(|torque| torque.to_bits()).collect();
             ((part.method.name(), part.fold), bits)
@@ -238,7 +238,7 @@ fn parts_are_the_same_to_the_bit_on_one_thread_and_on_two() {
 fn a_part_of_another_shape_or_without_finite_torques_is_none_of_the_plan() {
     let (arm, touches) = (arm(), touches(3));
     let config = config(EstimatorKind::Map);
-    let plan = Plan {
+    let plan = EvaluationPlan {
         todo: vec![0, 1, 2],
         methods: vec![Method::Zero],
         folds: folds(3, 3),
@@ -249,9 +249,9 @@ fn a_part_of_another_shape_or_without_finite_torques_is_none_of_the_plan() {
     let done = Mutex::new(Vec::new());
     plan.run(&tracked, &[(Method::Zero, 0)], NEVER, &|part| done.lock().unwrap().push(part))
         .unwrap();
-    let part: Part = done.into_inner().unwrap().remove(0);
+    let part: FoldPrediction = done.into_inner().unwrap().remove(0);
     assert!(plan.has(&part, &tracked));
-    let wrong: [fn(&mut Part); 7] = [
+    let wrong: [fn(&mut FoldPrediction); 7] = [
         |part| part.fold = 99,
         |part| part.method = Method::Knn,
         |part| part.torques.clear(),
@@ -276,7 +276,7 @@ fn measured(frame: &TrackedFrame) -> Measured {
     (frame.sample, frame.q.clone(), frame.unwrapped.clone(), tau, frame.target.clone())
 }
 
-fn all_measured(tracked: &Tracked) -> Vec<Vec<Measured>> {
+fn all_measured(tracked: &TrackedTouches) -> Vec<Vec<Measured>> {
     let touches = tracked.touches.iter();
     touches.map(|touch| touch.frames.iter().map(measured).collect()).collect()
 }
@@ -287,11 +287,13 @@ fn under_the_same_contact_model_frames_are_the_same() {
     touches[1].truth = Some(vec![vec![0.5, -0.5]; FRAMES]);
     let config = config(EstimatorKind::Map);
     let tracked = tracked(&arm, &config, &touches);
-    let again = tracked.under(&config.contact, &arm, &config, (&touches, 1), NEVER).unwrap();
+    let again =
+        tracked.with_contact_model(&config.contact, &arm, &config, (&touches, 1), NEVER).unwrap();
     assert_eq!(all_measured(&tracked), all_measured(&again));
     assert_eq!(tracked.noise_std(&[0, 2]), again.noise_std(&[0, 2]));
     for fold in folds(3, 3) {
-        let of = |tracked: &Tracked| Method::Map.predict(tracked, &fold, &config, NEVER).unwrap();
+        let of =
+            |tracked: &TrackedTouches| Method::Map.predict(tracked, &fold, &config, NEVER).unwrap();
         assert_eq!(of(&tracked), of(&again));
     }
 }
@@ -305,10 +307,11 @@ fn under_another_contact_model_contacts_change_and_torques_do_not() {
     for contact_distance_m in [0.6 * given, 1.5 * given] {
         let mut contact = config.contact.clone();
         contact.contact_distance_m = contact_distance_m;
-        let other = tracked.under(&contact, &arm, &config, (&touches, 1), NEVER).unwrap();
+        let other =
+            tracked.with_contact_model(&contact, &arm, &config, (&touches, 1), NEVER).unwrap();
         assert_eq!(all_measured(&tracked), all_measured(&other));
         assert_eq!(tracked.noise_std(&[0, 2]), other.noise_std(&[0, 2]));
-        let contacts = |tracked: &Tracked| -> usize {
+        let contacts = |tracked: &TrackedTouches| -> usize {
             let frames = tracked.touches.iter().flat_map(|touch| &touch.frames);
             frames.map(|frame| frame.observation.n_contacts()).sum()
         };
@@ -325,7 +328,7 @@ fn predicting_zero_has_a_relative_error_of_exactly_one() {
     let torques = Method::Zero.predict(&tracked, &fold, &config, NEVER).unwrap();
     let frames = tracked.touches[1].frames.iter();
     let external: Vec<Vec<f64>> = frames.map(|frame| frame.target.clone()).collect();
-    let errors = Prediction::new("zero", torques[0].clone(), &external).errors.unwrap();
+    let errors = MethodPrediction::new("zero", torques[0].clone(), &external).errors.unwrap();
     assert_eq!((errors.avg_relative, errors.max_relative), (Some(1.0), Some(1.0)));
 }
 
@@ -357,7 +360,7 @@ fn uniform_recovers_the_stiffness_of_a_uniform_field() {
 }
 
 /// The same touches with other torques in one of them, in its tare too.
-fn with_other_torques(touches: &[Touch], touch: usize) -> Vec<Touch> {
+fn with_other_torques(touches: &[TouchSamples], touch: usize) -> Vec<TouchSamples> {
     let mut touches = touches.to_vec();
     for (number, sample) in touches[touch].samples.iter_mut().enumerate() {
         sample.tau[0] = 5.0 - 0.4 * sample.tau[0] + 2.0 * (number as f64).cos();
@@ -376,7 +379,7 @@ fn a_touch_under_test_has_no_say_in_its_own_prediction() {
         for method in methods.into_iter().filter(|method| method.is_built()) {
             let kind = if method == Method::Ekf { EstimatorKind::Ekf } else { EstimatorKind::Map };
             let config = config(kind);
-            let torques_of = |touches: &[Touch]| -> Torques {
+            let torques_of = |touches: &[TouchSamples]| -> TorquesByTouch {
                 let tracked = tracked(&arm, &config, touches);
                 method.predict(&tracked, &fold, &config, NEVER).unwrap()
             };
@@ -390,9 +393,14 @@ fn a_touch_under_test_has_no_say_in_its_own_prediction() {
 /// Number of candidates with which two reach the last round.
 const CANDIDATES: usize = 10;
 
-fn tuned(arm: &Arc<Arm>, config: &MapperConfig, touches: &[Touch], train: &[usize]) -> Tuned {
+fn tuned(
+    arm: &Arc<Arm>,
+    config: &MapperConfig,
+    touches: &[TouchSamples],
+    train: &[usize],
+) -> Tuned {
     let base = tracked(arm, config, touches);
-    let search = Search::thorough(config, Effort { candidates: CANDIDATES, seed: 3 });
+    let search = Search::thorough(config, SearchBudget { candidates: CANDIDATES, seed: 3 });
     Tuner::new((arm, touches, &base), config, search, NEVER, &|| ())
         .unwrap()
         .tune(train, NEVER)
@@ -404,7 +412,7 @@ fn tuning_refuses_settings_that_no_estimator_can_have() {
     let (arm, touches, mut config) = (arm(), touches(3), config(EstimatorKind::Map));
     let base = tracked(&arm, &config, &touches);
     config.estimator.torque_std.clear();
-    let search = Search::thorough(&config, Effort { candidates: 2, seed: 0 });
+    let search = Search::thorough(&config, SearchBudget { candidates: 2, seed: 0 });
     let tuner = Tuner::new((&arm, &touches, &base), &config, search, NEVER, &|| ());
     assert!(tuner.is_err_and(|error| error.to_string().contains("torque_std has 0 values")));
 }
@@ -413,14 +421,14 @@ fn tuning_refuses_settings_that_no_estimator_can_have() {
 fn a_quick_search_scales_down_a_model_that_predicts_too_much() {
     let (arm, config) = (arm(), config(EstimatorKind::Map));
     let mut touches = touches(4);
-    let chosen = |touches: &[Touch]| {
+    let chosen = |touches: &[TouchSamples]| {
         let base = tracked(&arm, &config, touches);
-        let search = Search::quick(&config, Given::default());
+        let search = Search::quick(&config, FixedSettings::default());
         let tuner = Tuner::new((&arm, touches, &base), &config, search, NEVER, &|| ()).unwrap();
         tuner.tune(&[0, 1, 2, 3], NEVER).unwrap()
     };
     let alike = chosen(&touches);
-    assert_eq!(alike.trials.len(), Search::quick(&config, Given::default()).candidates());
+    assert_eq!(alike.trials.len(), Search::quick(&config, FixedSettings::default()).candidates());
     assert!(alike.trials[0].scores.len() == 2 && alike.config == alike.trials[0].config);
     assert_eq!(alike, chosen(&touches), "nothing is left to chance");
     // Every other touch has no torque, so the others predict too much for it.

@@ -14,14 +14,14 @@ use crossbeam_channel::{Receiver, Sender, bounded};
 use nalgebra::Point3;
 use palpate::unstable::{ElasticBody, ElasticModel, ElasticTorque};
 use palpate::{Arm, MapperConfig, PathPredictor, Sample};
-use palpate_io::field::Saved;
+use palpate_io::field::SavedField;
 use palpate_learn::LearnError;
-use palpate_learn::elastic::BodyLearner;
+use palpate_learn::elastic::ElasticBodyLearner;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::inbox::Inbox;
-use crate::run::Mapped;
-use crate::session::State;
+use crate::inbox::LatestQueue;
+use crate::run::MappedSample;
+use crate::session::SessionState;
 use crate::threads::Shared;
 
 /// Largest number of samples that wait for the body to be bent.
@@ -31,9 +31,9 @@ const EVERY_S: f64 = 0.009;
 /// While more samples than this wait, they do not bend the body.
 const BACKLOG: usize = 100;
 /// Largest number of samples of a touch that are learnt; later ones are left out.
-const MOST_SAMPLES: usize = 20_000;
+const MAX_SAMPLES: usize = 20_000;
 /// Number of touches that are remembered and learnt from: the newest.
-const MOST_TOUCHES: usize = 32;
+const MAX_TOUCHES: usize = 32;
 /// Niceness of the threads that learn and bend.
 const NICE: i32 = 10;
 /// Interval between checks whether the session has ended.
@@ -43,10 +43,10 @@ const LOOK: Duration = Duration::from_millis(50);
 pub type BentBody = (Arc<ElasticBody>, Vec<[Point3<f64>; 2]>);
 
 /// An elastic body beside a running robot.
-pub struct LiveBody {
+pub struct LiveElasticBody {
     arm: Arc<Arm>,
     config: MapperConfig,
-    mapped: Inbox<Mapped>,
+    mapped: LatestQueue<MappedSample>,
     learnt: Mutex<Learnt>,
     /// The body as the arm bends it.
     bent: Mutex<Arc<Bent>>,
@@ -74,7 +74,7 @@ impl Bent {
     }
 }
 
-impl LiveBody {
+impl LiveElasticBody {
     /// An untouched body; `bodies` are the shapes that it may have, the most likely first.
     ///
     /// # Errors
@@ -89,7 +89,7 @@ impl LiveBody {
         config: &MapperConfig,
         bodies: &[Arc<ElasticBody>],
     ) -> Result<Self, LearnError> {
-        let model = BodyLearner::new(arm, config, bodies).learn([], (&|| false, &|| ()))?;
+        let model = ElasticBodyLearner::new(arm, config, bodies).learn([], (&|| false, &|| ()))?;
         Ok(Self::resumed(arm, config, Arc::new(model), Vec::new()))
     }
 
@@ -101,13 +101,13 @@ impl LiveBody {
         model: Arc<ElasticModel>,
         touches: Vec<Vec<Sample>>,
     ) -> Self {
-        let (to_learner, from_body) = bounded(MOST_TOUCHES);
+        let (to_learner, from_body) = bounded(MAX_TOUCHES);
         let waiting = touches.len().saturating_sub(model.n_touches);
         let bent = Arc::new(Bent::at_rest(arm, Arc::clone(&model)));
         Self {
             arm: Arc::clone(arm),
             config: config.clone(),
-            mapped: Inbox::new(SAMPLES),
+            mapped: LatestQueue::new(SAMPLES),
             bent: Mutex::new(bent),
             learnt: Mutex::new(Learnt { model, touches, waiting }),
             to_learner,
@@ -116,7 +116,7 @@ impl LiveBody {
     }
 
     /// Adds the body as learnt so far, and the touches, to a field that will be saved.
-    pub fn put_into(&self, saved: &mut Saved) {
+    pub fn put_into(&self, saved: &mut SavedField) {
         let learnt = lock(&self.learnt);
         saved.field.elastic = Some(Arc::clone(&learnt.model));
         saved.field.calibration = None; // bands are not defined for a field with a body
@@ -140,7 +140,7 @@ impl LiveBody {
     }
 
     /// The queue of mapped samples.
-    pub(crate) fn mapped(&self) -> &Inbox<Mapped> {
+    pub(crate) fn mapped(&self) -> &LatestQueue<MappedSample> {
         &self.mapped
     }
 
@@ -170,7 +170,7 @@ impl LiveBody {
             if let Some(touch) = recorder.take(&mapped) {
                 self.hand_over(touch, shared);
             }
-            let in_touch = mapped.begins || mapped.state != State::Waiting;
+            let in_touch = mapped.begins || mapped.state != SessionState::Waiting;
             if mapped.begins || (!in_touch && bent_s.is_some()) {
                 now = Bent::at_rest(&self.arm, Arc::clone(&lock(&self.learnt).model));
                 bent_s = None;
@@ -214,7 +214,7 @@ impl LiveBody {
         // not learnt yet.
         let (mut learner, mut pending, mut new) = {
             let learnt = lock(&self.learnt);
-            let learner = BodyLearner::new(&self.arm, &self.config, &learnt.model.bodies());
+            let learner = ElasticBodyLearner::new(&self.arm, &self.config, &learnt.model.bodies());
             (learner, learnt.touches.clone(), learnt.waiting)
         };
         while shared.goes_on() {
@@ -226,12 +226,12 @@ impl LiveBody {
             let more: Vec<Vec<Sample>> = self.touches.try_iter().collect();
             new += more.len();
             pending.extend(more);
-            let older = pending.len().saturating_sub(MOST_TOUCHES);
+            let older = pending.len().saturating_sub(MAX_TOUCHES);
             pending.drain(..older);
             let left_out = new.saturating_sub(pending.len());
             lock(&self.learnt).waiting -= left_out;
             new -= left_out;
-            learner.forget_all_but(MOST_TOUCHES - pending.len());
+            learner.forget_all_but(MAX_TOUCHES - pending.len());
             let stop = || !shared.goes_on();
             let found =
                 on(pool.as_ref(), || learner.learn(pending.iter().cloned(), (&stop, &|| ())));
@@ -299,9 +299,9 @@ fn on<T: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> T + Send) -> T 
     }
 }
 
-impl fmt::Debug for LiveBody {
+impl fmt::Debug for LiveElasticBody {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        f.debug_struct("LiveBody").field("waiting", &self.waiting()).finish_non_exhaustive()
+        f.debug_struct("LiveElasticBody").field("waiting", &self.waiting()).finish_non_exhaustive()
     }
 }
 
@@ -319,17 +319,19 @@ struct Recorder {
 
 impl Recorder {
     /// Takes the next sample; returns the touch that it ends, if there was a contact in it.
-    fn take(&mut self, mapped: &Mapped) -> Option<Vec<Sample>> {
-        let over = if mapped.begins || mapped.state == State::Waiting { self.end() } else { None };
+    fn take(&mut self, mapped: &MappedSample) -> Option<Vec<Sample>> {
+        let over =
+            if mapped.begins || mapped.state == SessionState::Waiting { self.end() } else { None };
         if mapped.begins {
             self.touch.clone_from(&mapped.tare);
         }
         let is_new = !mapped.begins || mapped.tare.is_empty();
-        if is_new && mapped.state != State::Waiting && mapped.is_usable {
+        if is_new && mapped.state != SessionState::Waiting && mapped.is_usable {
             let last_s = self.touch.last().and_then(|last| last.time_s);
             let passed_s = mapped.sample.time_s.zip(last_s).map(|(now, last)| now - last);
-            let is_due = mapped.state == State::Taring || passed_s.is_none_or(|s| s >= EVERY_S);
-            if is_due && self.touch.len() < MOST_SAMPLES {
+            let is_due =
+                mapped.state == SessionState::Taring || passed_s.is_none_or(|s| s >= EVERY_S);
+            if is_due && self.touch.len() < MAX_SAMPLES {
                 self.touch.push(mapped.sample.clone());
                 self.touches_anything |= mapped.contacts > 0;
             }
@@ -348,28 +350,28 @@ impl Recorder {
 mod tests {
     use super::*;
 
-    fn mapped(time_s: f64, state: State, contacts: usize) -> Mapped {
+    fn mapped(time_s: f64, state: SessionState, contacts: usize) -> MappedSample {
         let sample = Sample::new(Some(time_s), vec![time_s], vec![0.0]);
         let (begins, tare, is_usable) = (false, Vec::new(), true);
-        Mapped { sample, contacts, state, begins, tare, is_usable }
+        MappedSample { sample, contacts, state, begins, tare, is_usable }
     }
 
     #[test]
     fn a_touch_is_kept_with_its_whole_tare_and_thinned_after_it() {
         let mut recorder = Recorder::default();
         let tare: Vec<Sample> =
-            (0..5).map(|n| mapped(0.001 * f64::from(n), State::Waiting, 0).sample).collect();
-        let begins = Mapped { begins: true, tare, ..mapped(0.004, State::Taring, 0) };
+            (0..5).map(|n| mapped(0.001 * f64::from(n), SessionState::Waiting, 0).sample).collect();
+        let begins = MappedSample { begins: true, tare, ..mapped(0.004, SessionState::Taring, 0) };
         assert_eq!(recorder.take(&begins), None);
         for n in 5..8 {
-            recorder.take(&mapped(0.001 * f64::from(n), State::Taring, 0));
+            recorder.take(&mapped(0.001 * f64::from(n), SessionState::Taring, 0));
         }
         for n in 8..108 {
             let is_usable = n != 60;
-            let sample = mapped(0.001 * f64::from(n), State::Mapping, 3);
-            assert_eq!(recorder.take(&Mapped { is_usable, ..sample }), None);
+            let sample = mapped(0.001 * f64::from(n), SessionState::Mapping, 3);
+            assert_eq!(recorder.take(&MappedSample { is_usable, ..sample }), None);
         }
-        let touch = recorder.take(&mapped(0.2, State::Waiting, 0)).expect("it is over");
+        let touch = recorder.take(&mapped(0.2, SessionState::Waiting, 0)).expect("it is over");
         let times_s: Vec<f64> = touch.iter().filter_map(|sample| sample.time_s).collect();
         assert!(times_s[..8].iter().zip(0..).all(|(s, n)| (s - 0.001 * f64::from(n)).abs() < 1e-9));
         let thinned = |[a, b]: &[f64; 2]| (EVERY_S - 1e-9..0.0111).contains(&(b - a));
@@ -381,8 +383,8 @@ mod tests {
     #[test]
     fn a_motion_that_touches_nothing_is_no_touch() {
         let mut recorder = Recorder::default();
-        recorder.take(&Mapped { begins: true, ..mapped(0.0, State::Taring, 0) });
-        recorder.take(&mapped(1.0, State::Mapping, 0));
-        assert_eq!(recorder.take(&mapped(2.0, State::Waiting, 0)), None);
+        recorder.take(&MappedSample { begins: true, ..mapped(0.0, SessionState::Taring, 0) });
+        recorder.take(&mapped(1.0, SessionState::Mapping, 0));
+        assert_eq!(recorder.take(&mapped(2.0, SessionState::Waiting, 0)), None);
     }
 }

@@ -10,9 +10,9 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
-use palpate_io::field::{self, Saved};
+use palpate_io::field::{self, SavedField};
 
-use crate::body::LiveBody;
+use crate::body::LiveElasticBody;
 
 /// File and interval of the checkpoints.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -30,7 +30,7 @@ pub(crate) struct Checkpoints {
     last: Instant,
     /// Number of checkpoints handed over.
     number: u64,
-    to_writer: Sender<(u64, Saved)>,
+    to_writer: Sender<(u64, SavedField)>,
 }
 
 /// Result of the last checkpoint: its number, and when it was written or why it was not.
@@ -43,20 +43,20 @@ pub(crate) struct Written {
 
 impl Checkpoints {
     /// The mapper's side, and the receiver for [`write`].
-    pub(crate) fn new(config: &CheckpointConfig) -> (Self, Receiver<(u64, Saved)>) {
+    pub(crate) fn new(config: &CheckpointConfig) -> (Self, Receiver<(u64, SavedField)>) {
         let (to_writer, from_mapper) = bounded(1);
         (Self { every: config.every, last: Instant::now(), number: 0, to_writer }, from_mapper)
     }
 
     /// Hands over a checkpoint if one is due and no earlier one waits for the writer.
-    pub(crate) fn tick(&mut self, checkpoint: impl FnOnce() -> Saved) {
+    pub(crate) fn tick(&mut self, checkpoint: impl FnOnce() -> SavedField) {
         if self.last.elapsed() >= self.every {
             let _ = self.now(checkpoint);
         }
     }
 
     /// Hands over a checkpoint and returns its number; `None` if an earlier one still waits for the writer.
-    pub(crate) fn now(&mut self, checkpoint: impl FnOnce() -> Saved) -> Option<u64> {
+    pub(crate) fn now(&mut self, checkpoint: impl FnOnce() -> SavedField) -> Option<u64> {
         if !self.to_writer.is_empty() {
             return None;
         }
@@ -71,7 +71,7 @@ impl Checkpoints {
 /// Writes each checkpoint, with the elastic body if there is one, until the mapper's side is dropped.
 pub(crate) fn write(
     path: &Path,
-    (from_mapper, body): (Receiver<(u64, Saved)>, Option<&LiveBody>),
+    (from_mapper, body): (Receiver<(u64, SavedField)>, Option<&LiveElasticBody>),
     written: &Written,
 ) {
     for (number, mut saved) in from_mapper {

@@ -1,8 +1,8 @@
 //! State and figures of a session as ROS diagnostics.
 
-use crate::figures::Figures;
+use crate::figures::SessionFigures;
 use crate::message::{DiagnosticArray, DiagnosticStatus, Header, KeyValue, Stamp};
-use crate::session::State;
+use crate::session::SessionState;
 
 const OK: u8 = 0;
 const WARNING: u8 = 1;
@@ -11,12 +11,12 @@ const ERROR: u8 = 2;
 const SILENT_S: f64 = 1.0;
 
 /// Figures as a diagnostic message.
-pub(crate) fn of(figures: &Figures, robot: &str, header: Header) -> DiagnosticArray {
+pub(crate) fn of(figures: &SessionFigures, robot: &str, header: Header) -> DiagnosticArray {
     let (level, message) = if let Some(cause) = &figures.stop {
         (ERROR, format!("the robot must stop: {cause}"))
     } else if figures.silent_s > SILENT_S {
         (WARNING, format!("no joint state came for {:.0} s", figures.silent_s))
-    } else if figures.state == State::Waiting {
+    } else if figures.state == SessionState::Waiting {
         (WARNING, "waiting for the arm to pause, free of the object".to_owned())
     } else if figures.dropped + figures.lost > 0 {
         (WARNING, format!("{} samples dropped, {} never came", figures.dropped, figures.lost))

@@ -5,23 +5,23 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
-use crate::session::{State, StepOutcome};
+use crate::session::{SessionState, StepOutcome};
 
 /// Number of the latest steps over which latencies are evaluated.
 const WINDOW: usize = 2000;
 
 /// A report while a session runs.
 #[derive(Debug, Clone)]
-pub enum News {
+pub enum SessionReport {
     /// Rates, latencies, losses and errors.
-    Figures(Box<Figures>),
+    Figures(Box<SessionFigures>),
     /// A message to the user.
     Note(String),
 }
 
 /// Median and 99th percentile of times, ms.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct Spread {
+pub struct MedianAndP99 {
     /// Median, ms.
     pub median: f64,
     /// 99th percentile, ms.
@@ -30,11 +30,11 @@ pub struct Spread {
 
 /// Figures of a session.
 #[derive(Debug, Clone, Default, Serialize)]
-pub struct Figures {
+pub struct SessionFigures {
     /// Time since the start, s.
     pub seconds: f64,
     /// State of the session.
-    pub state: State,
+    pub state: SessionState,
     /// Number of messages received.
     pub received: u64,
     /// Time since the last message that could be decoded, or since the start, s.
@@ -56,9 +56,9 @@ pub struct Figures {
     /// Number of cells touched so far.
     pub cells: usize,
     /// Time from the arrival of a sample to the publishing of its prediction.
-    pub latency_ms: Spread,
+    pub latency_ms: MedianAndP99,
     /// Duration of a step of the mapper.
-    pub step_ms: Spread,
+    pub step_ms: MedianAndP99,
     /// Replays of remembered frames per sample, over about the last half second.
     pub replays: f64,
     /// Mean norm of τ̂ − τ_ext over the steps with contact, N·m; each sample is predicted before it
@@ -82,9 +82,9 @@ pub struct Figures {
 
 /// Collects the figures while a session runs.
 #[derive(Debug)]
-pub struct Tally {
+pub struct SessionCounters {
     /// Counts, and values of the last sample; the other figures are computed on request.
-    figures: Figures,
+    figures: SessionFigures,
     started: Instant,
     replays: u64,
     latencies_ms: VecDeque<f64>,
@@ -97,11 +97,11 @@ pub struct Tally {
     last: (Instant, u64, u64),
 }
 
-impl Default for Tally {
+impl Default for SessionCounters {
     fn default() -> Self {
         let started = Instant::now();
         Self {
-            figures: Figures::default(),
+            figures: SessionFigures::default(),
             started,
             replays: 0,
             latencies_ms: VecDeque::new(),
@@ -113,7 +113,7 @@ impl Default for Tally {
     }
 }
 
-impl Tally {
+impl SessionCounters {
     /// Counts a mapped sample, with its outcome and duration.
     pub fn step(&mut self, outcome: &StepOutcome, took: Duration) {
         keep(&mut self.steps_ms, took);
@@ -150,7 +150,7 @@ impl Tally {
     }
 
     /// The figures after `received` messages; those not collected here have default values.
-    pub fn figures(&mut self, received: u64) -> Figures {
+    pub fn figures(&mut self, received: u64) -> SessionFigures {
         let (before, received_before, replays_before) = self.last;
         let elapsed_s = before.elapsed().as_secs_f64();
         if elapsed_s >= 0.5 {
@@ -163,7 +163,7 @@ impl Tally {
         let steps = self.steps_in_contact;
         let [avg_error, zero_avg_error] =
             self.errors.map(|sum| (steps > 0).then(|| sum / steps as f64));
-        Figures {
+        SessionFigures {
             seconds: self.started.elapsed().as_secs_f64(),
             received,
             latency_ms: spread(&self.latencies_ms),
@@ -182,11 +182,11 @@ fn keep(times_ms: &mut VecDeque<f64>, time: Duration) {
     times_ms.push_back(time.as_secs_f64() * 1e3);
 }
 
-fn spread(times_ms: &VecDeque<f64>) -> Spread {
+fn spread(times_ms: &VecDeque<f64>) -> MedianAndP99 {
     let mut sorted: Vec<f64> = times_ms.iter().copied().collect();
     sorted.sort_by(f64::total_cmp);
     let at = |part: f64| sorted.get((part * sorted.len() as f64) as usize).copied();
-    Spread { median: at(0.5).unwrap_or_default(), p99: at(0.99).unwrap_or_default() }
+    MedianAndP99 { median: at(0.5).unwrap_or_default(), p99: at(0.99).unwrap_or_default() }
 }
 
 #[cfg(test)]
@@ -196,18 +196,18 @@ mod tests {
 
     #[test]
     fn spreads_are_of_the_latest_steps() {
-        let mut tally = Tally::default();
+        let mut tally = SessionCounters::default();
         let mut step = |took| tally.step(&StepOutcome::default(), took);
         (0..100).for_each(|_| step(Duration::from_secs(1)));
         (0..WINDOW).for_each(|ms| step(Duration::from_millis(ms as u64)));
         let figures = tally.figures(0);
-        let wanted = Spread { median: 0.5 * WINDOW as f64, p99: 0.99 * WINDOW as f64 };
+        let wanted = MedianAndP99 { median: 0.5 * WINDOW as f64, p99: 0.99 * WINDOW as f64 };
         assert_eq!((figures.step_ms, figures.mapped), (wanted, 100 + WINDOW as u64));
     }
 
     #[test]
     fn errors_in_contact_stand_beside_those_of_predicting_zero() {
-        let mut tally = Tally::default();
+        let mut tally = SessionCounters::default();
         assert_eq!(tally.figures(0).avg_error, None);
         let mut step = |contacts, external: DVector<f64>, predicted| {
             let torques = Some((external, predicted));
@@ -224,7 +224,7 @@ mod tests {
 
     #[test]
     fn the_first_message_refused_for_a_reason_is_distinguished_from_the_others() {
-        let mut tally = Tally::default();
+        let mut tally = SessionCounters::default();
         let first = ["a", "a", "b", "a"].map(|reason| tally.refuse(reason));
         assert_eq!(first, [true, false, true, false]);
         assert_eq!(tally.figures(0).refused, BTreeMap::from([("a", 3), ("b", 1)]));

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 /// A bounded queue that keeps the newest items.
 #[derive(Debug)]
-pub struct Inbox<T> {
+pub struct LatestQueue<T> {
     queue: Mutex<Queue<T>>,
     filled: Condvar,
     capacity: usize,
@@ -22,7 +22,7 @@ struct Queue<T> {
     woken: bool,
 }
 
-impl<T> Inbox<T> {
+impl<T> LatestQueue<T> {
     /// An empty queue; a capacity of 0 is taken as 1.
     pub fn new(capacity: usize) -> Self {
         let queue = Mutex::new(Queue { items: VecDeque::new(), dropped: 0, woken: false });
@@ -41,7 +41,7 @@ impl<T> Inbox<T> {
         self.filled.notify_one();
     }
 
-    /// Removes the oldest item; waits for one for at most `patience`, or until [`Inbox::wake`] is
+    /// Removes the oldest item; waits for one for at most `patience`, or until [`LatestQueue::wake`] is
     /// called.
     pub fn pop(&self, patience: Duration) -> Option<T> {
         let queue = self.lock();
@@ -52,7 +52,7 @@ impl<T> Inbox<T> {
         queue.items.pop_front()
     }
 
-    /// Ends the present or the next wait in [`Inbox::pop`] early.
+    /// Ends the present or the next wait in [`LatestQueue::pop`] early.
     pub fn wake(&self) {
         self.lock().woken = true;
         self.filled.notify_one();
@@ -87,7 +87,7 @@ mod tests {
 
     #[test]
     fn the_newest_are_kept_in_order_and_the_others_counted() {
-        let inbox = Inbox::new(3);
+        let inbox = LatestQueue::new(3);
         (0..10).for_each(|item| inbox.push(item));
         let kept: Vec<_> = std::iter::from_fn(|| inbox.pop(Duration::ZERO)).collect();
         assert_eq!((kept, inbox.dropped(), inbox.is_empty()), (vec![7, 8, 9], 7, true));
@@ -95,7 +95,7 @@ mod tests {
 
     #[test]
     fn what_one_thread_pushes_another_gets_and_nothing_is_lost_below_capacity() {
-        let inbox = Arc::new(Inbox::new(1000));
+        let inbox = Arc::new(LatestQueue::new(1000));
         let producer = Arc::clone(&inbox);
         let thread = thread::spawn(move || (0..1000).for_each(|item| producer.push(item)));
         let got: Vec<_> = (0..1000).map(|_| inbox.pop(Duration::from_secs(180))).collect();
@@ -106,7 +106,7 @@ mod tests {
 
     #[test]
     fn a_wait_ends_after_its_time_and_when_it_is_woken() {
-        let inbox = Arc::new(Inbox::<()>::new(1));
+        let inbox = Arc::new(LatestQueue::<()>::new(1));
         assert_eq!(inbox.pop(Duration::from_millis(1)), None);
         let waking = Arc::clone(&inbox);
         let thread = thread::spawn(move || waking.wake());

@@ -65,7 +65,7 @@ pub(crate) struct JointReader {
 
 /// A sample, and whether the clock was set back.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Read {
+pub(crate) struct ReadSample {
     /// The sample.
     pub sample: Sample,
     /// Whether the clock was set back before it; the sample then does not continue the earlier ones.
@@ -85,14 +85,18 @@ impl JointReader {
     /// # Errors
     ///
     /// If it cannot be used.
-    pub(crate) fn read(&mut self, state: &JointState, received_s: f64) -> Result<Read, Refusal> {
+    pub(crate) fn read(
+        &mut self,
+        state: &JointState,
+        received_s: f64,
+    ) -> Result<ReadSample, Refusal> {
         let (q, tau) = self.joints(state)?;
         for (what, numbers) in [("position", &q), ("effort", &tau)] {
             self.check_finite(what, numbers)?;
         }
         let now_s = state.header.stamp.seconds().unwrap_or(received_s);
         let set_back = self.tick(now_s)?;
-        Ok(Read { sample: Sample::new(Some(now_s), q, tau), set_back })
+        Ok(ReadSample { sample: Sample::new(Some(now_s), q, tau), set_back })
     }
 
     /// Positions and efforts of a joint state, in the robot's order of joints. Stamp and values are not
@@ -179,7 +183,7 @@ mod tests {
     fn joints_come_in_the_robots_order_whatever_the_messages() {
         let read = reader().read(&state(5.25), 0.0).unwrap();
         let sample = Sample::new(Some(5.25), vec![1.0, 2.0], vec![10.0, 20.0]);
-        assert_eq!(read, Read { sample, set_back: false });
+        assert_eq!(read, ReadSample { sample, set_back: false });
     }
 
     #[test]

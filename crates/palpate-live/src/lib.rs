@@ -15,9 +15,9 @@
 //! | [`inbox`], `outbox` | bounded queue between threads; messages to be published      |
 //! | [`message`]      | ROS 2 messages                                                  |
 //! | `cloud`, `diagnostics` | point clouds and diagnostic messages for ROS              |
-//! | [`AskSocket`]    | the Unix socket that answers questions about planned motions    |
+//! | [`QuerySocket`]  | the Unix socket that answers questions about planned motions    |
 //! | `question`       | JSON form of these questions and answers                        |
-//! | [`LiveBody`]     | the object as an elastic body: bends it, learns it              |
+//! | [`LiveElasticBody`] | the object as an elastic body: bends it, learns it              |
 //! | `services`       | the thread for ROS services that take time                      |
 //! | `wrench`         | wrenches of the object on the links                             |
 //! | [`checkpoint`]   | saves the field to a file at regular intervals                  |
@@ -51,7 +51,7 @@ mod timer;
 pub mod view_feed;
 mod wrench;
 
-pub use body::{BentBody, LiveBody};
-pub use figures::News;
-pub use query_server::AskSocket;
-pub use run::{LiveConfig, Mapped, run};
+pub use body::{BentBody, LiveElasticBody};
+pub use figures::SessionReport;
+pub use query_server::QuerySocket;
+pub use run::{LiveConfig, MappedSample, run};

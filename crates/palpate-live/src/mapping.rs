@@ -8,21 +8,21 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::Receiver;
-use palpate_io::field::Saved;
+use palpate_io::field::SavedField;
 
-use crate::body::LiveBody;
+use crate::body::LiveElasticBody;
 use crate::checkpoint::Checkpoints;
 use crate::cloud;
 use crate::diagnostics;
-use crate::figures::{Figures, News, Tally};
+use crate::figures::{SessionCounters, SessionFigures, SessionReport};
 use crate::guard::DEAD;
-use crate::inbox::Inbox;
+use crate::inbox::LatestQueue;
 use crate::joints::JointReader;
 use crate::message::{Header, Stamp};
 use crate::query_server::Request;
-use crate::ros::{Arrival, Torques};
-use crate::run::{LiveConfig, Mapped};
-use crate::session::{Session, State, StepOutcome};
+use crate::ros::{Arrival, TorqueMessage};
+use crate::run::{LiveConfig, MappedSample};
+use crate::session::{Session, SessionState, StepOutcome};
 use crate::threads::{JointMessage, Shared};
 use crate::timer::Timer;
 use crate::view_feed::ViewFeed;
@@ -46,11 +46,11 @@ pub(crate) struct Mapping<'a> {
     shared: &'a Shared,
     session: Session,
     reader: JointReader,
-    tally: Tally,
+    tally: SessionCounters,
     checkpoints: Option<Checkpoints>,
     view: Option<ViewFeed>,
-    mapped: Option<Arc<Inbox<Mapped>>>,
-    body: Option<Arc<LiveBody>>,
+    mapped: Option<Arc<LatestQueue<MappedSample>>>,
+    body: Option<Arc<LiveElasticBody>>,
     requests: Receiver<Request>,
     /// Whether it was reported that the messages use other joint names than the URDF.
     noted_names: bool,
@@ -84,7 +84,7 @@ impl<'a> Mapping<'a> {
             shared,
             session,
             reader,
-            tally: Tally::default(),
+            tally: SessionCounters::default(),
             checkpoints,
             view: config.view.clone().map(|to| ViewFeed::new(to, config.body.clone())),
             mapped: config.mapped.clone(),
@@ -145,7 +145,8 @@ impl<'a> Mapping<'a> {
                 Request::Save(to_asker) => {
                     let mapper = self.session.mapper();
                     let checkpoints = self.checkpoints.as_mut();
-                    let number = checkpoints.and_then(|them| them.now(|| Saved::of_mapper(mapper)));
+                    let number =
+                        checkpoints.and_then(|them| them.now(|| SavedField::of_mapper(mapper)));
                     let _ = to_asker.send(number);
                 }
             }
@@ -192,7 +193,7 @@ impl<'a> Mapping<'a> {
             let (state, mapper) = (self.session.state(), self.session.mapper());
             view.sample((&sample, at), (&outcome, state, mapper));
         }
-        let mapped = Mapped {
+        let mapped = MappedSample {
             sample,
             contacts: outcome.contacts,
             state: self.session.state(),
@@ -212,7 +213,7 @@ impl<'a> Mapping<'a> {
     /// Publishes the outcome of a sample.
     fn publish(&mut self, outcome: StepOutcome, came: Arrival) {
         if let Some((external, predicted)) = outcome.torques {
-            self.shared.outbox.torques.push(Torques {
+            self.shared.outbox.torques.push(TorqueMessage {
                 header: self.header.clone(),
                 came,
                 external_n_m: external.data.into(),
@@ -247,10 +248,10 @@ impl<'a> Mapping<'a> {
             self.tally.published(latency);
         }
         if let Some(checkpoints) = &mut self.checkpoints {
-            checkpoints.tick(|| Saved::of_mapper(session.mapper()));
+            checkpoints.tick(|| SavedField::of_mapper(session.mapper()));
         }
         // With a backlog of samples, clouds would delay them further.
-        if shared.samples.len() <= BACKLOG && session.state() == State::Mapping {
+        if shared.samples.len() <= BACKLOG && session.state() == SessionState::Mapping {
             self.publish_clouds(now);
         }
         if self.figures_due.is_due(now) {
@@ -263,7 +264,7 @@ impl<'a> Mapping<'a> {
                 let header = Header { stamp: self.header.stamp, ..Header::default() };
                 shared.outbox.diagnostics.push(diagnostics::of(&figures, robot, header));
             }
-            shared.news.push(News::Figures(Box::new(figures)));
+            shared.news.push(SessionReport::Figures(Box::new(figures)));
         }
     }
 
@@ -285,10 +286,10 @@ impl<'a> Mapping<'a> {
         }
     }
 
-    fn figures(&mut self) -> Figures {
+    fn figures(&mut self) -> SessionFigures {
         let stop = self.shared.cause().map(|cause| cause.to_string());
         let counts = self.shared.counts();
-        Figures {
+        SessionFigures {
             state: self.session.state(),
             silent_s: self.heard.elapsed().as_secs_f64(),
             dropped: self.shared.samples.dropped(),

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 mod trajectory;
 
-pub use trajectory::{
+pub(crate) use trajectory::{
     AskTrajectoryRequest, AskTrajectoryResponse, JointTrajectory, JointTrajectoryPoint,
 };
 
@@ -78,7 +78,7 @@ impl JointState {
 
 /// `control_msgs/msg/InterfaceValue`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct InterfaceValue {
+pub(crate) struct InterfaceValue {
     /// Interface names, such as `position`, `velocity` and `effort`.
     pub interface_names: Vec<String>,
     /// One value for each interface.
@@ -87,7 +87,7 @@ pub struct InterfaceValue {
 
 /// `control_msgs/msg/DynamicJointState`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct DynamicJointState {
+pub(crate) struct DynamicJointState {
     /// Time of the joint state.
     pub header: Header,
     /// Names of the joints, and of other components with interfaces.
@@ -104,7 +104,7 @@ impl DynamicJointState {
     /// # Errors
     ///
     /// If the number of names differs from the number of values.
-    pub fn joint_state(self) -> Result<JointState, String> {
+    pub(crate) fn joint_state(self) -> Result<JointState, String> {
         let (names, values) = (self.joint_names.len(), self.interface_values.len());
         if names != values {
             return Err(format!("it has {names} joints and the values of {values}"));
@@ -133,7 +133,7 @@ impl DynamicJointState {
 
 /// `rosgraph_msgs/msg/Clock`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Clock {
+pub(crate) struct Clock {
     /// The time of a simulation or a replay.
     pub clock: Stamp,
 }
@@ -142,7 +142,7 @@ impl Message for Clock {}
 
 /// `geometry_msgs/msg/Wrench`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct Wrench {
+pub(crate) struct Wrench {
     /// Force, N.
     pub force: [f64; 3],
     /// Torque, N·m.
@@ -151,7 +151,7 @@ pub struct Wrench {
 
 /// `geometry_msgs/msg/WrenchStamped`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct WrenchStamped {
+pub(crate) struct WrenchStamped {
     /// Time, and the link in whose frame the wrench is given.
     pub header: Header,
     /// The wrench.
@@ -162,7 +162,7 @@ impl Message for WrenchStamped {}
 
 /// `sensor_msgs/msg/PointField`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct PointField {
+pub(crate) struct PointField {
     /// Name of the field.
     pub name: String,
     /// Offset from the start of a point, bytes.
@@ -175,7 +175,7 @@ pub struct PointField {
 
 /// `sensor_msgs/msg/PointCloud2`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct PointCloud2 {
+pub(crate) struct PointCloud2 {
     /// Time and coordinate frame.
     pub header: Header,
     /// Number of rows; 1 for an unordered cloud.
@@ -203,7 +203,11 @@ const FLOAT32: u8 = 7;
 
 impl PointCloud2 {
     /// A cloud whose points have `N` named `f32` values.
-    pub fn of<const N: usize>(header: Header, names: [&str; N], points: &[[f32; N]]) -> Self {
+    pub(crate) fn of<const N: usize>(
+        header: Header,
+        names: [&str; N],
+        points: &[[f32; N]],
+    ) -> Self {
         let float = size_of::<f32>() as u32;
         let field = |(place, name): (usize, &&str)| PointField {
             name: (*name).to_owned(),
@@ -229,7 +233,7 @@ impl PointCloud2 {
 
 /// `std_msgs/msg/Bool`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Bool {
+pub(crate) struct Bool {
     /// The value.
     pub data: bool,
 }
@@ -238,7 +242,7 @@ impl Message for Bool {}
 
 /// `std_msgs/msg/String`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Text {
+pub(crate) struct Text {
     /// The text.
     pub data: String,
 }
@@ -247,7 +251,7 @@ impl Message for Text {}
 
 /// `diagnostic_msgs/msg/KeyValue`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct KeyValue {
+pub(crate) struct KeyValue {
     /// Name of the value.
     pub key: String,
     /// The value, as text.
@@ -256,7 +260,7 @@ pub struct KeyValue {
 
 /// `diagnostic_msgs/msg/DiagnosticStatus`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct DiagnosticStatus {
+pub(crate) struct DiagnosticStatus {
     /// 0: OK, 1: warning, 2: error.
     pub level: u8,
     /// The component that reports.
@@ -271,7 +275,7 @@ pub struct DiagnosticStatus {
 
 /// `diagnostic_msgs/msg/DiagnosticArray`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct DiagnosticArray {
+pub(crate) struct DiagnosticArray {
     /// Time of the report.
     pub header: Header,
     /// One status for each component.
@@ -282,7 +286,7 @@ impl Message for DiagnosticArray {}
 
 /// The request of `std_srvs/srv/Trigger`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct TriggerRequest {
+pub(crate) struct TriggerRequest {
     /// Placeholder: a message must have a field.
     pub structure_needs_at_least_one_member: u8,
 }
@@ -291,7 +295,7 @@ impl Message for TriggerRequest {}
 
 /// The response of `std_srvs/srv/Trigger`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct TriggerResponse {
+pub(crate) struct TriggerResponse {
     /// Whether the request was carried out.
     pub success: bool,
     /// Explanation for the user.

@@ -4,9 +4,9 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use crate::inbox::Inbox;
+use crate::inbox::LatestQueue;
 use crate::message::{DiagnosticArray, PointCloud2, WrenchStamped};
-use crate::ros::{NetworkProcess, ToNetwork, Torques};
+use crate::ros::{NetworkProcess, ToNetwork, TorqueMessage};
 
 /// Capacity of the queue of torques.
 const TORQUES: usize = 256;
@@ -15,26 +15,26 @@ const TORQUES: usize = 256;
 #[derive(Debug)]
 pub(crate) struct Outbox {
     /// The torques of samples.
-    pub(crate) torques: Inbox<Torques>,
+    pub(crate) torques: LatestQueue<TorqueMessage>,
     /// The present contacts.
-    pub(crate) contacts: Inbox<PointCloud2>,
+    pub(crate) contacts: LatestQueue<PointCloud2>,
     /// The field near the contacts.
-    pub(crate) field: Inbox<PointCloud2>,
+    pub(crate) field: LatestQueue<PointCloud2>,
     /// The wrenches of the object on the links.
-    pub(crate) wrenches: Inbox<Vec<WrenchStamped>>,
+    pub(crate) wrenches: LatestQueue<Vec<WrenchStamped>>,
     /// Diagnostics of the session.
-    pub(crate) diagnostics: Inbox<DiagnosticArray>,
+    pub(crate) diagnostics: LatestQueue<DiagnosticArray>,
     was_up: AtomicBool,
 }
 
 impl Default for Outbox {
     fn default() -> Self {
         Self {
-            torques: Inbox::new(TORQUES),
-            contacts: Inbox::new(1),
-            field: Inbox::new(1),
-            wrenches: Inbox::new(1),
-            diagnostics: Inbox::new(1),
+            torques: LatestQueue::new(TORQUES),
+            contacts: LatestQueue::new(1),
+            field: LatestQueue::new(1),
+            wrenches: LatestQueue::new(1),
+            diagnostics: LatestQueue::new(1),
             was_up: AtomicBool::new(true),
         }
     }

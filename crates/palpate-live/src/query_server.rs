@@ -40,12 +40,12 @@ use palpate::{CLUSTER_WEIGHT, PathConfig, PathPrediction, PathPredictor};
 use rustix::fs::Mode;
 use serde_json::json;
 
-use crate::body::LiveBody;
-use crate::question::{MOST_POINTS, PathReply, Question};
+use crate::body::LiveElasticBody;
+use crate::question::{MAX_POINTS, PathReply, PathRequest};
 use crate::threads::{Shared, spawn};
 
 /// Largest number of connected clients.
-const MOST_ASKERS: usize = 8;
+const MAX_ASKERS: usize = 8;
 /// Bytes allowed for a number in the longest line.
 const NUMBER: usize = 26;
 /// Bytes allowed for the rest of the longest line.
@@ -78,19 +78,19 @@ pub(crate) struct QueryServer<'a> {
     /// Checks whether a path can be predicted.
     pub(crate) checker: PathChecker,
     pub(crate) shared: &'a Shared,
-    pub(crate) body: Option<Arc<LiveBody>>,
+    pub(crate) body: Option<Arc<LiveElasticBody>>,
 }
 
 /// The socket; dropping it removes its file.
 #[derive(Debug)]
-pub struct AskSocket {
+pub struct QuerySocket {
     listener: UnixListener,
     path: PathBuf,
     /// Device and inode of its file.
     file: (u64, u64),
 }
 
-impl AskSocket {
+impl QuerySocket {
     /// Opens a socket. The file of a socket whose process has ended is replaced.
     ///
     /// # Errors
@@ -120,7 +120,7 @@ impl AskSocket {
 
     /// Answers questions until the session ends.
     pub(crate) fn run(&self, server: &QueryServer<'_>) {
-        let askers = &Askers::default();
+        let askers = &Clients::default();
         thread::scope(|scope| {
             while server.shared.goes_on() {
                 let Ok((stream, _)) = self.listener.accept() else {
@@ -146,42 +146,42 @@ impl AskSocket {
 
 /// The connected clients.
 #[derive(Default)]
-struct Askers(Mutex<Vec<Seat>>);
+struct Clients(Mutex<Vec<ClientSlot>>);
 
-/// Entry of a client in the list of [`Askers`].
-struct Seat {
+/// Entry of a client in the list of [`Clients`].
+struct ClientSlot {
     stream: Arc<UnixStream>,
     /// Time since which it has asked nothing; `None` while it is being answered.
     idle: Option<Instant>,
 }
 
 /// Handle of a client in the thread of its connection; dropping it removes the client from the list.
-struct Asker<'a> {
-    askers: &'a Askers,
+struct Client<'a> {
+    askers: &'a Clients,
     stream: Arc<UnixStream>,
 }
 
-impl Askers {
+impl Clients {
     /// Adds a client. If the list is full, disconnects the client that has been idle for longest; returns
     /// `None` if none is idle.
-    fn admit(&self, stream: &Arc<UnixStream>) -> Option<Asker<'_>> {
+    fn admit(&self, stream: &Arc<UnixStream>) -> Option<Client<'_>> {
         let mut seats = self.seats();
-        if seats.len() >= MOST_ASKERS {
+        if seats.len() >= MAX_ASKERS {
             let idle = seats.iter().enumerate().filter_map(|(n, seat)| Some((seat.idle?, n)));
             let (_, longest) = idle.min()?;
             let seat = seats.swap_remove(longest);
             let _ = seat.stream.shutdown(Shutdown::Both);
         }
-        seats.push(Seat { stream: Arc::clone(stream), idle: Some(Instant::now()) });
-        Some(Asker { askers: self, stream: Arc::clone(stream) })
+        seats.push(ClientSlot { stream: Arc::clone(stream), idle: Some(Instant::now()) });
+        Some(Client { askers: self, stream: Arc::clone(stream) })
     }
 
-    fn seats(&self) -> MutexGuard<'_, Vec<Seat>> {
+    fn seats(&self) -> MutexGuard<'_, Vec<ClientSlot>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Asker<'_> {
+impl Client<'_> {
     /// Records whether the client is idle, that is, does not wait for an answer.
     fn set_idle(&self, idle: bool) {
         let mut seats = self.askers.seats();
@@ -191,7 +191,7 @@ impl Asker<'_> {
     }
 }
 
-impl Drop for Asker<'_> {
+impl Drop for Client<'_> {
     fn drop(&mut self) {
         self.askers.seats().retain(|seat| !Arc::ptr_eq(&seat.stream, &self.stream));
     }
@@ -213,7 +213,7 @@ impl Drop for Counted<'_> {
     }
 }
 
-impl Drop for AskSocket {
+impl Drop for QuerySocket {
     fn drop(&mut self) {
         // The file may have been removed and replaced by that of another process.
         if file_at(&self.path).is_ok_and(|file| file == self.file) {
@@ -230,12 +230,12 @@ fn file_at(path: &Path) -> io::Result<(u64, u64)> {
 }
 
 /// Answers one client, line by line.
-fn converse(asker: &Asker<'_>, server: &QueryServer<'_>) -> io::Result<()> {
+fn converse(asker: &Client<'_>, server: &QueryServer<'_>) -> io::Result<()> {
     let stream = &*asker.stream;
     stream.set_nonblocking(false)?;
     stream.set_read_timeout(Some(LOOK))?;
     stream.set_write_timeout(Some(PATIENCE))?;
-    let longest = MOST_POINTS * server.checker.n_joints() * NUMBER + REST;
+    let longest = MAX_POINTS * server.checker.n_joints() * NUMBER + REST;
     let mut reader = BufReader::new(stream);
     let mut line = Vec::new();
     while server.shared.goes_on() {
@@ -278,7 +278,7 @@ fn error(why: impl Display) -> String {
 fn answer(line: &[u8], server: &QueryServer<'_>) -> String {
     let started = Instant::now();
     let answer = match serde_json::from_slice(line) {
-        Ok(Question { tare: true, .. }) => {
+        Ok(PathRequest { tare: true, .. }) => {
             server.shared.tare.store(true, Ordering::Relaxed);
             Ok(json!({ "taring": true }).to_string())
         }
@@ -314,7 +314,11 @@ impl QueryServer<'_> {
     }
 
     /// Predicts the torques along a path; returns the answer as a line.
-    fn torques(&self, mut question: Question, started: Instant) -> Result<String, Box<dyn Error>> {
+    fn torques(
+        &self,
+        mut question: PathRequest,
+        started: Instant,
+    ) -> Result<String, Box<dyn Error>> {
         let (path, form) = question.path(self.checker.n_joints())?;
         let answer = self.predict(path, question.exact)?;
         Ok(serde_json::to_string(&PathReply::new(&answer, (form, question.level), started)?)?)
@@ -385,7 +389,7 @@ mod tests {
     fn served(test: impl FnOnce(&Path)) -> bool {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ask");
-        let socket = AskSocket::bind(&path).unwrap();
+        let socket = QuerySocket::bind(&path).unwrap();
         let shared = Shared::new(1, None);
         let (mapper, _requests) = bounded(8);
         let server = QueryServer { mapper, checker: checker(), shared: &shared, body: None };
@@ -438,7 +442,7 @@ mod tests {
             let connect = || BufReader::new(UnixStream::connect(path).unwrap());
             let asks =
                 |stream: &mut BufReader<UnixStream>| ask(stream, "{}\n")["error"].is_string();
-            let mut crowd: Vec<_> = (0..MOST_ASKERS).map(|_| connect()).collect();
+            let mut crowd: Vec<_> = (0..MAX_ASKERS).map(|_| connect()).collect();
             assert!(crowd.iter_mut().rev().all(asks)); // the last has been idle for longest
             assert!(asks(&mut connect()));
             let mut gone = String::new();
@@ -452,18 +456,18 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ask");
         drop(UnixListener::bind(&path).unwrap()); // its file stays
-        let socket = AskSocket::bind(&path).unwrap();
-        let error = AskSocket::bind(&path).unwrap_err().to_string();
+        let socket = QuerySocket::bind(&path).unwrap();
+        let error = QuerySocket::bind(&path).unwrap_err().to_string();
         assert!(error.contains("another process listens there"), "{error}");
         let aside = folder.path().join("aside");
         std::fs::rename(&path, &aside).unwrap();
-        let next = AskSocket::bind(&path).unwrap();
+        let next = QuerySocket::bind(&path).unwrap();
         drop(socket);
         assert!(UnixStream::connect(&path).is_ok(), "another's socket stays");
         drop(next);
         assert!(!path.exists());
         std::fs::write(&path, "precious").unwrap();
-        assert!(AskSocket::bind(&path).unwrap_err().to_string().contains("it is a file"));
+        assert!(QuerySocket::bind(&path).unwrap_err().to_string().contains("it is a file"));
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "precious");
     }
 }

@@ -12,14 +12,14 @@ use serde::de::{Error, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
 /// Largest number of points of a path.
-pub(crate) const MOST_POINTS: usize = 100_000;
+pub(crate) const MAX_POINTS: usize = 100_000;
 /// Largest number of values of a point while parsing; the number of joints is checked later.
-const MOST_JOINTS: usize = 64;
+const MAX_JOINTS: usize = 64;
 
 /// A question: one line of JSON.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Question {
+pub(crate) struct PathRequest {
     path: Option<Points>,
     path_f64: Option<String>,
     /// Level of the band, 0 to 1; the default level of the field if absent.
@@ -43,7 +43,7 @@ pub(crate) enum Form {
 #[derive(Debug, Serialize)]
 pub(crate) struct PathReply {
     #[serde(flatten)]
-    torques: Torques,
+    torques: TorqueLists,
     contacts: Vec<usize>,
     known: Vec<usize>,
     goes_on: bool,
@@ -72,12 +72,12 @@ struct Band {
 /// Torques and their standard deviations, N·m, in the number format of the path.
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
-enum Torques {
+enum TorqueLists {
     Lists { torque: Vec<Vec<f64>>, torque_std: Vec<Vec<f64>> },
     F64 { torque_f64: String, torque_std_f64: String },
 }
 
-impl Question {
+impl PathRequest {
     /// The path of the question, and its number format.
     pub(crate) fn path(&mut self, n_joints: usize) -> Result<(Vec<Vec<f64>>, Form), String> {
         match (self.path.take(), self.path_f64.take()) {
@@ -99,14 +99,14 @@ struct Numbers(Vec<f64>);
 
 impl<'de> Deserialize<'de> for Points {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let points: Vec<Numbers> = deserializer.deserialize_seq(AtMost::new(MOST_POINTS))?;
+        let points: Vec<Numbers> = deserializer.deserialize_seq(AtMost::new(MAX_POINTS))?;
         Ok(Self(points.into_iter().map(|point| point.0).collect()))
     }
 }
 
 impl<'de> Deserialize<'de> for Numbers {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_seq(AtMost::new(MOST_JOINTS)).map(Self)
+        deserializer.deserialize_seq(AtMost::new(MAX_JOINTS)).map(Self)
     }
 }
 
@@ -141,8 +141,8 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for AtMost<T> {
 /// Decodes the points of a path from base64.
 fn path_from(base64: &str, n_joints: usize) -> Result<Vec<Vec<f64>>, String> {
     const WANTED: &str = "wanted the path as float64, little-endian, point by point";
-    if base64.len() / 4 * 3 > MOST_POINTS * 8 * n_joints.max(1) + 2 {
-        return Err(format!("the path has more than {MOST_POINTS} points; ask in pieces"));
+    if base64.len() / 4 * 3 > MAX_POINTS * 8 * n_joints.max(1) + 2 {
+        return Err(format!("the path has more than {MAX_POINTS} points; ask in pieces"));
     }
     let bytes = BASE64_STANDARD.decode(base64);
     let bytes = bytes.map_err(|error| format!("`path_f64` is no base64 ({error}); {WANTED}"))?;
@@ -192,7 +192,7 @@ impl PathReply {
             }
         };
         Ok(Self {
-            torques: Torques::of(points, form),
+            torques: TorqueLists::of(points, form),
             band,
             contacts: points.iter().map(|point| point.contacts).collect(),
             known: points.iter().map(|point| point.known).collect(),
@@ -214,7 +214,7 @@ impl Band {
     }
 }
 
-impl Torques {
+impl TorqueLists {
     /// The torques at the points of an answer.
     fn of(points: &[PathPoint], form: Form) -> Self {
         match form {
@@ -248,16 +248,16 @@ mod tests {
 
     #[test]
     fn a_path_of_too_many_points_or_numbers_is_refused_while_it_is_read() {
-        let read = |line: String| serde_json::from_str::<Question>(&line).map(|_| ());
+        let read = |line: String| serde_json::from_str::<PathRequest>(&line).map(|_| ());
         let path = |count| format!("{{\"path\": [{}[]]}}", "[],".repeat(count));
-        assert!(read(path(MOST_POINTS - 1)).is_ok());
-        let error = read(path(MOST_POINTS)).unwrap_err().to_string();
+        assert!(read(path(MAX_POINTS - 1)).is_ok());
+        let error = read(path(MAX_POINTS)).unwrap_err().to_string();
         assert!(error.contains("expected a list of at most 100000"), "{error}");
         let error =
             read(format!("{{\"path\": [[{}0]]}}", "0,".repeat(64))).unwrap_err().to_string();
         assert!(error.contains("expected a list of at most 64"), "{error}");
-        let mut all = "A".repeat(MOST_POINTS * 8 * 3 / 3 * 4);
-        assert_eq!(path_from(&all, 3).unwrap().len(), MOST_POINTS);
+        let mut all = "A".repeat(MAX_POINTS * 8 * 3 / 3 * 4);
+        assert_eq!(path_from(&all, 3).unwrap().len(), MAX_POINTS);
         all.push_str("AAAA");
         assert!(path_from(&all, 3).unwrap_err().contains("more than 100000 points"));
     }
@@ -277,7 +277,7 @@ mod tests {
             })
             .collect();
         let [lists, bytes] = [Form::Lists, Form::F64]
-            .map(|form| serde_json::to_value(Torques::of(&points, form)).unwrap());
+            .map(|form| serde_json::to_value(TorqueLists::of(&points, form)).unwrap());
         for name in ["torque", "torque_std"] {
             let of = |point: &PathPoint| match name {
                 "torque" => point.torque.as_slice().to_vec(),

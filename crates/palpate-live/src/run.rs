@@ -1,7 +1,7 @@
 //! The threads of a live session.
 //!
 //! ```text
-//! network ──► listen ──► Inbox ──► mapper ──► Outbox ──► publish ──► network
+//! network ──► listen ──► LatestQueue ──► mapper ──► Outbox ──► publish ──► network
 //! process   (one thread)     (one thread)   │     (one thread)     process
 //!                               ▲           ├──► checkpoints (one thread)
 //!                 questions ────┘           ├──► elastic body (two threads)
@@ -17,16 +17,16 @@ use std::thread::{self, ScopedJoinHandle};
 use crossbeam_channel::bounded;
 use palpate::Sample;
 
-use crate::body::LiveBody;
+use crate::body::LiveElasticBody;
 use crate::checkpoint::{self, CheckpointConfig, Checkpoints};
-use crate::figures::News;
-use crate::guard::Sentry;
-use crate::inbox::Inbox;
+use crate::figures::SessionReport;
+use crate::guard::JointStateMonitor;
+use crate::inbox::LatestQueue;
 use crate::mapping::Mapping;
-use crate::query_server::{AskSocket, QueryServer};
+use crate::query_server::{QueryServer, QuerySocket};
 use crate::ros::{NetworkError, NetworkProcess};
-use crate::services::{self, Services};
-use crate::session::{Session, State};
+use crate::services::{self, ServiceAnswerer};
+use crate::session::{Session, SessionState};
 use crate::threads::{LOOK, Shared, listen, publish, spawn};
 use crate::view_feed::ViewFrame;
 
@@ -40,22 +40,22 @@ pub struct LiveConfig {
     /// File and interval of checkpoints; `None` for no checkpoints.
     pub checkpoint: Option<CheckpointConfig>,
     /// Queue for frames of a viewer, if there is one.
-    pub view: Option<Arc<Inbox<ViewFrame>>>,
+    pub view: Option<Arc<LatestQueue<ViewFrame>>>,
     /// Queue for mapped samples, if the caller wants them.
-    pub mapped: Option<Arc<Inbox<Mapped>>>,
+    pub mapped: Option<Arc<LatestQueue<MappedSample>>>,
     /// The object as an elastic body, if its shape is known.
-    pub body: Option<Arc<LiveBody>>,
+    pub body: Option<Arc<LiveElasticBody>>,
 }
 
 /// A mapped sample and its outcome.
 #[derive(Debug, Clone)]
-pub struct Mapped {
+pub struct MappedSample {
     /// The sample.
     pub sample: Sample,
     /// Number of cells that it touches.
     pub contacts: usize,
     /// State of the session after the sample.
-    pub state: State,
+    pub state: SessionState,
     /// Whether a touch begins with it.
     pub begins: bool,
     /// Samples of the pause with which a touch begins, including this one; empty if no touch begins, or if it
@@ -80,9 +80,9 @@ pub fn run(
     network: &NetworkProcess,
     session: Session,
     config: &LiveConfig,
-    ask: Option<&AskSocket>,
+    ask: Option<&QuerySocket>,
     stop: impl Fn() -> bool,
-    mut report: impl FnMut(News),
+    mut report: impl FnMut(SessionReport),
 ) -> Result<(Session, Option<NetworkError>), NetworkError> {
     let arm = Arc::clone(session.mapper().arm());
     let guard = session.guard().cloned();
@@ -92,15 +92,19 @@ pub fn run(
         let ending = EndOnDrop(&shared);
         let mapper = session.mapper();
         let joints = arm.robot.joint_names().map(str::to_owned).collect();
-        let sentry = guard.map(|guard| Sentry::new(guard, arm, mapper.config().touch.clone()));
+        let sentry =
+            guard.map(|guard| JointStateMonitor::new(guard, arm, mapper.config().touch.clone()));
         let checker = mapper.path_checker();
         let (checkpoints, to_write) = config.checkpoint.as_ref().map(Checkpoints::new).unzip();
         let (to_mapper, requests) = bounded(REQUESTS);
         let mapping = Mapping::new(&shared, (session, config), checkpoints, requests);
         let (shared, body) = (&shared, config.body.as_deref());
         let queries = QueryServer { mapper: to_mapper, checker, shared, body: config.body.clone() };
-        let services =
-            Services { queries: queries.clone(), joints, has_file: config.checkpoint.is_some() };
+        let services = ServiceAnswerer {
+            queries: queries.clone(),
+            joints,
+            has_file: config.checkpoint.is_some(),
+        };
         let (to_services, asked) = bounded(services::REQUESTS);
         let heard = (config.joint_states.as_deref(), to_services);
         let mut threads = vec![
@@ -132,18 +136,24 @@ pub fn run(
         }
         let session = mapper.join();
         drop(ending);
-        let mut defect = None;
-        for thread in threads {
-            let thread_name = thread.thread().name().unwrap_or_default().to_owned();
-            if thread.join().is_err() {
-                defect = Some(NetworkError::Defect { thread: thread_name });
-            }
-        }
+        let defect = join_all(threads);
         match session {
             Ok(session) => Ok((session, defect)),
             Err(_) => Err(NetworkError::Defect { thread: "mapper".to_owned() }),
         }
     })
+}
+
+/// Waits for the threads; an error names one that panicked.
+fn join_all(threads: Vec<ScopedJoinHandle<'_, ()>>) -> Option<NetworkError> {
+    let mut defect = None;
+    for thread in threads {
+        let thread_name = thread.thread().name().unwrap_or_default().to_owned();
+        if thread.join().is_err() {
+            defect = Some(NetworkError::Defect { thread: thread_name });
+        }
+    }
+    defect
 }
 
 /// Ends all threads when their scope is left, also by a panic: otherwise the scope would wait forever.

@@ -29,7 +29,7 @@ const TARE_SAMPLES: usize = 100;
 /// faster than they were recorded.
 const TOO_FAST: f64 = 4.0;
 /// A motion smaller than this, rad or m, is no jump.
-const LEAST_JUMP: f64 = 0.2;
+const MIN_JUMP: f64 = 0.2;
 /// After a silence longer than this, s, the path of the arm is unknown, at any speed.
 const GAP_S: f64 = 1.0;
 /// This many jumps within [`JUMPS_S`] mean that several drivers publish joint positions.
@@ -37,9 +37,9 @@ const JUMPS: usize = 3;
 /// Window in which jumps are counted, s.
 const JUMPS_S: f64 = 2.0;
 /// Sign or gravity of the torques is wrong if, for an arm at rest, another combination leaves a much
-/// smaller residual r: if the residual of the settings exceeds `MISREAD · r + LEAST_MISREAD`, N·m.
+/// smaller residual r: if the residual of the settings exceeds `MISREAD · r + MIN_MISREAD`, N·m.
 const MISREAD: f64 = 3.0;
-const LEAST_MISREAD: f64 = 2.0;
+const MIN_MISREAD: f64 = 2.0;
 /// They are right if all other combinations leave a residual larger by this, N·m.
 const CLEARED: f64 = 1.0;
 /// Limit of speed of a joint without one in the URDF, rad/s or m/s.
@@ -48,7 +48,7 @@ const FASTEST: f64 = 3.0;
 /// State of a session.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum State {
+pub enum SessionState {
     /// Waits for a pause of the arm.
     #[default]
     Waiting,
@@ -97,7 +97,7 @@ pub struct Session {
     pauses: PauseDetector,
     /// The detector before the first sample, to reset `pauses`.
     no_pauses: PauseDetector,
-    state: State,
+    state: SessionState,
     /// Whether the touch began in a pause.
     is_of_pause: bool,
     /// The previous sample.
@@ -136,7 +136,7 @@ impl Session {
         // An error means that the touch was too short for its tare: then nothing was learnt from it.
         let _ = mapper.end_touch();
         let no_pauses = PauseDetector::new(pause_config)?;
-        let (pauses, state) = (no_pauses.clone(), State::Waiting);
+        let (pauses, state) = (no_pauses.clone(), SessionState::Waiting);
         if let Some(guard) = &guard
             && mapper.config().touch.tare == Tare::None
         {
@@ -185,7 +185,7 @@ impl Session {
     pub fn take(&mut self, sample: &Sample) -> StepOutcome {
         let mut outcome = StepOutcome::default();
         if self.identified.as_ref().is_some_and(|identified| identified.alone) {
-            (self.state, self.last) = (State::Mapping, Some(sample.clone()));
+            (self.state, self.last) = (SessionState::Mapping, Some(sample.clone()));
             let torque = DVector::from_column_slice(&sample.tau);
             let nothing = DVector::zeros(torque.len());
             outcome.torques = Some((torque, nothing));
@@ -199,7 +199,7 @@ impl Session {
         }
         self.look_at_jumps(sample, &mut outcome);
         self.last = Some(sample.clone());
-        if self.state != State::Waiting {
+        if self.state != SessionState::Waiting {
             match self.mapper.step(sample) {
                 Ok(report) => self.learnt(report, &mut outcome),
                 Err(error) => self.failed(&error, &mut outcome),
@@ -282,7 +282,7 @@ impl Session {
             Some((left.norm(), sign.1, gravity.1))
         });
         let Some((best, sign, gravity)) = others.min_by(|a, b| a.0.total_cmp(&b.0)) else { return };
-        let is_far = |more: f64, less: f64| more > MISREAD * less + LEAST_MISREAD;
+        let is_far = |more: f64, less: f64| more > MISREAD * less + MIN_MISREAD;
         if is_far(own, best) {
             self.misread = Some(format!(
                 "where the arm stands still, {own:.1} N·m of its torques are left as they are read, and {best:.1} N·m with \
@@ -323,7 +323,7 @@ impl Session {
         robot.joints().iter().zip(ways).any(|(joint, way)| {
             let fastest = joint.velocity.filter(|speed| *speed > 0.0).unwrap_or(FASTEST);
             let unknown = elapsed_s > GAP_S || way.abs() > TOO_FAST * fastest * elapsed_s;
-            unknown && way.abs() > LEAST_JUMP
+            unknown && way.abs() > MIN_JUMP
         })
     }
 
@@ -331,11 +331,11 @@ impl Session {
     fn learnt(&mut self, report: StepReport, outcome: &mut StepOutcome) {
         outcome.contacts = report.contacts;
         let (Some(external), Some(predicted)) = (report.external, report.predicted) else {
-            self.state = State::Taring;
+            self.state = SessionState::Taring;
             return;
         };
         // The guard must also accept the tare of a touch that began at a jump, without a pause.
-        let tared = self.state == State::Taring
+        let tared = self.state == SessionState::Taring
             && !self.is_of_pause
             && self.mapper.config().touch.tare != Tare::None;
         if tared
@@ -344,7 +344,7 @@ impl Session {
         {
             return self.wait();
         }
-        self.state = State::Mapping;
+        self.state = SessionState::Mapping;
         (outcome.torques, outcome.peak_half_width) =
             (Some((external, predicted)), report.peak_half_width);
     }
@@ -370,7 +370,7 @@ impl Session {
     fn begin(&mut self, tare: &[&Sample], outcome: &mut StepOutcome) {
         let _ = self.mapper.end_touch();
         self.mapper.begin_touch();
-        (self.state, outcome.begins) = (State::Taring, true);
+        (self.state, outcome.begins) = (SessionState::Taring, true);
         self.is_of_pause = !tare.is_empty();
         outcome.tare = tare.iter().map(|&sample| sample.clone()).collect();
         for sample in tare {
@@ -383,7 +383,7 @@ impl Session {
     /// Ends the touch and waits for the next pause; later samples do not continue the touch.
     pub fn wait(&mut self) {
         let _ = self.mapper.end_touch();
-        self.state = State::Waiting;
+        self.state = SessionState::Waiting;
         self.pauses.clone_from(&self.no_pauses);
     }
 
@@ -401,7 +401,7 @@ impl Session {
     }
 
     /// State of the session.
-    pub fn state(&self) -> State {
+    pub fn state(&self) -> SessionState {
         self.state
     }
 

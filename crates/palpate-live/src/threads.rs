@@ -9,9 +9,9 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::{Sender, TrySendError};
 
 use crate::checkpoint::Written;
-use crate::figures::News;
-use crate::guard::{Cause, Guard, Sentry};
-use crate::inbox::Inbox;
+use crate::figures::SessionReport;
+use crate::guard::{Cause, Guard, JointStateMonitor};
+use crate::inbox::LatestQueue;
 use crate::message::{AskTrajectoryResponse, JointState, TriggerResponse};
 use crate::outbox::Outbox;
 use crate::ros::{
@@ -55,12 +55,12 @@ pub(crate) struct JointMessage {
 /// State shared by the threads.
 pub(crate) struct Shared {
     /// Joint states on their way to the mapper.
-    pub(crate) samples: Inbox<JointMessage>,
+    pub(crate) samples: LatestQueue<JointMessage>,
     pub(crate) outbox: Outbox,
     pub(crate) guard: Option<Guard>,
-    pub(crate) news: Inbox<News>,
+    pub(crate) news: LatestQueue<SessionReport>,
     /// Times from the arrival of a sample to the publishing of its prediction.
-    pub(crate) latencies: Inbox<Duration>,
+    pub(crate) latencies: LatestQueue<Duration>,
     /// Counts of all network processes that have ended, and of the present one.
     counts: Mutex<[Counts; 2]>,
     /// Whether a tare was requested.
@@ -75,11 +75,11 @@ pub(crate) struct Shared {
 impl Shared {
     pub(crate) fn new(queue: usize, guard: Option<Guard>) -> Self {
         Self {
-            samples: Inbox::new(queue),
+            samples: LatestQueue::new(queue),
             outbox: Outbox::default(),
             guard,
-            news: Inbox::new(NEWS),
-            latencies: Inbox::new(queue),
+            news: LatestQueue::new(NEWS),
+            latencies: LatestQueue::new(queue),
             counts: Mutex::default(),
             tare: AtomicBool::new(false),
             answering: AtomicUsize::new(0),
@@ -165,7 +165,7 @@ impl Shared {
     }
 
     pub(crate) fn note(&self, note: impl Into<String>) {
-        self.news.push(News::Note(note.into()));
+        self.news.push(SessionReport::Note(note.into()));
     }
 }
 
@@ -175,7 +175,7 @@ pub(crate) fn listen(
     network: &NetworkProcess,
     first: Listener<'_>,
     (topic, to_services): (Option<&str>, Sender<Asked>),
-    sentry: Option<Sentry>,
+    sentry: Option<JointStateMonitor>,
     shared: &Shared,
 ) {
     let (patience, notes) = (PATIENT, HashSet::new());
@@ -224,7 +224,7 @@ struct Hearing<'a> {
     topic: Option<&'a str>,
     /// Requests for the thread that answers slow requests.
     to_services: Sender<Asked>,
-    sentry: Option<Sentry>,
+    sentry: Option<JointStateMonitor>,
     shared: &'a Shared,
     /// Time without a joint state after which the network process is replaced.
     patience: Duration,

@@ -1,6 +1,6 @@
 //! Sends frames of a session to a viewer, at a limited rate.
 //!
-//! They go through an [`Inbox`]: a viewer that does not keep up loses the oldest frames and does
+//! They go through a [`LatestQueue`]: a viewer that does not keep up loses the oldest frames and does
 //! not delay the mapper.
 
 use std::sync::Arc;
@@ -9,9 +9,9 @@ use std::time::{Duration, Instant};
 use nalgebra::DVector;
 use palpate::{Contacts, Field, Mapper, Sample};
 
-use crate::body::{BentBody, LiveBody};
-use crate::inbox::Inbox;
-use crate::session::{State, StepOutcome};
+use crate::body::{BentBody, LiveElasticBody};
+use crate::inbox::LatestQueue;
+use crate::session::{SessionState, StepOutcome};
 use crate::timer::Timer;
 
 /// Interval between two frames of the arm.
@@ -30,12 +30,12 @@ pub struct ViewFrame {
     /// Time of its arrival since the session began.
     pub since: Duration,
     /// Content of the frame.
-    pub what: What,
+    pub what: ViewContent,
 }
 
 /// Content of a frame.
 #[derive(Debug, Clone)]
-pub enum What {
+pub enum ViewContent {
     /// A touch begins.
     Touch,
     /// Position, contacts and torques of the arm.
@@ -55,8 +55,8 @@ pub enum What {
 
 /// Selects the frames that are drawn.
 pub(crate) struct ViewFeed {
-    to: Arc<Inbox<ViewFrame>>,
-    body: Option<Arc<LiveBody>>,
+    to: Arc<LatestQueue<ViewFrame>>,
+    body: Option<Arc<LiveElasticBody>>,
     began: Instant,
     samples: u64,
     arm: Timer,
@@ -64,7 +64,7 @@ pub(crate) struct ViewFeed {
 }
 
 impl ViewFeed {
-    pub(crate) fn new(to: Arc<Inbox<ViewFrame>>, body: Option<Arc<LiveBody>>) -> Self {
+    pub(crate) fn new(to: Arc<LatestQueue<ViewFrame>>, body: Option<Arc<LiveElasticBody>>) -> Self {
         let (arm, field) = (Timer::new(ARM), Timer::new(FIELD));
         Self { to, body, began: Instant::now(), samples: 0, arm, field }
     }
@@ -74,7 +74,7 @@ impl ViewFeed {
     pub(crate) fn sample(
         &mut self,
         (sample, at): (&Sample, Instant),
-        (outcome, state, mapper): (&StepOutcome, State, &Mapper),
+        (outcome, state, mapper): (&StepOutcome, SessionState, &Mapper),
     ) {
         let number = self.samples;
         self.samples += 1;
@@ -83,19 +83,26 @@ impl ViewFeed {
             self.to.push(ViewFrame { sample: number, since, what });
         };
         if outcome.begins {
-            push(What::Touch);
+            push(ViewContent::Touch);
         }
         if self.arm.is_due(at) {
             // While the session waits, the mapper still has the contacts of the last touch.
-            let contacts =
-                if state == State::Waiting { Contacts::default() } else { mapper.contacts() };
-            push(What::Arm { q: sample.q.clone(), contacts, torques: outcome.torques.clone() });
+            let contacts = if state == SessionState::Waiting {
+                Contacts::default()
+            } else {
+                mapper.contacts()
+            };
+            push(ViewContent::Arm {
+                q: sample.q.clone(),
+                contacts,
+                torques: outcome.torques.clone(),
+            });
             if let Some(bent) = self.body.as_ref().and_then(|body| body.bent()) {
-                push(What::Body(bent));
+                push(ViewContent::Body(bent));
             }
         }
-        if state == State::Mapping && self.field.is_due(at) {
-            push(What::Field(Box::new(mapper.field())));
+        if state == SessionState::Mapping && self.field.is_due(at) {
+            push(ViewContent::Field(Box::new(mapper.field())));
         }
     }
 }

@@ -9,9 +9,9 @@ use palpate::unstable::PauseConfig;
 use palpate::{Arm, EstimatorKind, Mapper, MapperConfig, Sample};
 use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, CachePlace, load_arm};
-use palpate_live::guard::{Cause, Guard, GuardConfig, Sentry, Torque};
+use palpate_live::guard::{Cause, Guard, GuardConfig, JointStateMonitor, TorqueSource};
 use palpate_live::message::{Header, JointState, Stamp};
-use palpate_live::session::{Session, State, StepOutcome};
+use palpate_live::session::{Session, SessionState, StepOutcome};
 
 fn arm() -> Arc<Arm> {
     let options = ArmOptions { cache: CachePlace::Off, ..ArmOptions::default() };
@@ -96,12 +96,12 @@ fn nothing_is_learnt_before_the_arm_has_paused_or_somebody_asked_for_a_tare() {
     let pushing = &touches[0][60..120];
     let mut live = session(&arm, 0, None);
     assert!(play(&mut live, pushing).iter().all(|outcome| outcome.torques.is_none()));
-    assert_eq!((live.state(), live.mapper().n_cells()), (State::Waiting, 0));
+    assert_eq!((live.state(), live.mapper().n_cells()), (SessionState::Waiting, 0));
 
     // A tare requested while the arm moves waits for a pause.
     live.wait();
     play(&mut live, &touches[0][120..160]);
-    assert_eq!((live.state(), live.mapper().n_cells()), (State::Waiting, 0));
+    assert_eq!((live.state(), live.mapper().n_cells()), (SessionState::Waiting, 0));
     let still = |step: u32| {
         let mut sample = touches[0][160].clone();
         sample.time_s = sample.time_s.map(|time_s| time_s + 0.01 * f64::from(step));
@@ -109,7 +109,7 @@ fn nothing_is_learnt_before_the_arm_has_paused_or_somebody_asked_for_a_tare() {
     };
     let paused: Vec<Sample> = (0..60).map(still).collect();
     assert!(play(&mut live, &paused).iter().any(|outcome| outcome.begins));
-    assert_eq!(live.state(), State::Taring);
+    assert_eq!(live.state(), SessionState::Taring);
 }
 
 /// A sample as a joint state message.
@@ -130,7 +130,7 @@ fn joint_state(arm: &Arm, sample: &Sample) -> JointState {
 struct Guarded {
     live: Session,
     guard: Guard,
-    sentry: Sentry,
+    sentry: JointStateMonitor,
     start: Instant,
 }
 
@@ -139,7 +139,7 @@ impl Guarded {
         let guard = Guard::new(GuardConfig::new(limit_n_m), arm);
         let live = session(arm, 0, Some(guard.clone()));
         let config = live.mapper().config().touch.clone();
-        let sentry = Sentry::new(guard.clone(), Arc::clone(arm), config);
+        let sentry = JointStateMonitor::new(guard.clone(), Arc::clone(arm), config);
         Self { live, guard, sentry, start: Instant::now() }
     }
 
@@ -168,7 +168,7 @@ fn the_flag_comes_down_with_the_first_tare_and_the_sentry_raises_it_before_the_m
             Some(cause) if !was_down => assert_eq!(cause, Cause::Untared),
             Some(Cause::Limit { joint, torque_n_m, of }) => {
                 let external = outcome.torques.unwrap().0;
-                assert!(over && of == Torque::Measured && torque_n_m.abs() > 1.5);
+                assert!(over && of == TorqueSource::Measured && torque_n_m.abs() > 1.5);
                 assert_eq!(arm.robot.joint_names().nth(external.iamax()), Some(joint.as_str()));
                 assert!((torque_n_m - external[external.iamax()]).abs() < 0.1, "tares differ");
                 return;
@@ -177,7 +177,7 @@ fn the_flag_comes_down_with_the_first_tare_and_the_sentry_raises_it_before_the_m
             None => assert!(!over, "the sentry missed it"),
         }
         was_down |= after.is_none();
-        assert!(!was_down || robot.live.state() != State::Waiting);
+        assert!(!was_down || robot.live.state() != SessionState::Waiting);
     }
     panic!("no torque passed the limit");
 }
@@ -192,7 +192,7 @@ fn an_arm_that_is_pressed_from_the_start_is_not_tared_and_nothing_is_learnt() {
         assert!(robot.take(&sample).2.is_some(), "the flag is up all along");
     }
     assert!(matches!(robot.guard.cause(Instant::now()), Some(Cause::Loaded { .. })));
-    assert_eq!((robot.live.state(), robot.live.mapper().n_cells()), (State::Waiting, 0));
+    assert_eq!((robot.live.state(), robot.live.mapper().n_cells()), (SessionState::Waiting, 0));
 }
 
 #[test]
@@ -203,7 +203,7 @@ fn a_session_goes_on_from_what_another_has_saved() {
     let snapshot = first.mapper().snapshot();
     let resumed = Mapper::resume(Arc::clone(&arm), snapshot).unwrap();
     let mut second = Session::new(resumed, PauseConfig::default(), None).unwrap();
-    assert_eq!(second.state(), State::Waiting);
+    assert_eq!(second.state(), SessionState::Waiting);
     // Resuming ended the touch under way, so the bands include it.
     let mut field = second.mapper().field();
     assert!(field.calibration.take().is_some());
@@ -228,7 +228,7 @@ fn torques_that_count_the_other_way_are_reported_at_the_first_pause_and_no_tare(
     let samples: Vec<Sample> = start.iter().map(negated).collect();
     let why = misread(play(&mut guarded.live, &samples)).unwrap();
     assert!(why.contains("--torque-sign minus --gravity included"), "{why}");
-    assert_eq!(guarded.live.state(), State::Waiting);
+    assert_eq!(guarded.live.state(), SessionState::Waiting);
     let silent = vec![0.0; arm.robot.n_joints()];
     let dead = Sample::new(Some(1.0), start[0].q.clone(), silent);
     assert!(guarded.live.is_dead(&dead) && !guarded.live.is_dead(&start[0]));

@@ -8,7 +8,7 @@ use palpate::unstable::ElasticBody;
 use palpate::{EstimatorKind, Mapper};
 use palpate_io::cloud::Cloud;
 use palpate_learn::body::{ObjectHints, ObjectKind};
-use palpate_work::elastic::{SeenCloud, bodies, learn_body};
+use palpate_work::elastic::{CloudWithViewpoint, bodies, learn_body};
 use palpate_work::learn::learn;
 use palpate_work::settings::SettingsError;
 use palpate_work::touches::IfUndecided;
@@ -87,7 +87,7 @@ fn clouds(
 
 /// Clouds of an object, and hints about it.
 pub(crate) struct SeenObject {
-    clouds: Vec<SeenCloud>,
+    clouds: Vec<CloudWithViewpoint>,
     hints: ObjectHints,
     name: String,
 }
@@ -127,7 +127,7 @@ pub(crate) fn seen_object(
         return Err(PyValueError::new_err(message).into());
     }
     let viewpoints = viewpoints.into_iter().map(Some).chain(std::iter::repeat(None));
-    let clouds: Vec<SeenCloud> = clouds.into_iter().zip(viewpoints).collect();
+    let clouds: Vec<CloudWithViewpoint> = clouds.into_iter().zip(viewpoints).collect();
     let names: Vec<String> = names.iter().map(|name| name.display().to_string()).collect();
     Ok(SeenObject { clouds, hints, name: names.join("`, `") })
 }

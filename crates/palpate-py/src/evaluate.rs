@@ -1,12 +1,14 @@
 //! Comparison of methods on held-out touches, and choice of settings by cross-validation.
 
 use palpate_learn::bands::Band;
-use palpate_learn::errors::Errors;
-use palpate_learn::evaluation::{Evaluation, LeftOut, Prediction, Summary};
+use palpate_learn::evaluation::{Evaluation, HeldOutTouch, MethodPrediction, MethodSummary};
 use palpate_learn::method::Method;
+use palpate_learn::torque_errors::TorqueErrors;
 use palpate_work::WorkError;
 use palpate_work::elastic::replace_elastic_by_map;
-use palpate_work::evaluate::{self as evaluation, Nowhere, Work, configs, each_once, method_of};
+use palpate_work::evaluate::{
+    self as evaluation, EvaluationJob, NoStore, configs, each_once, method_of,
+};
 use palpate_work::touches::IfUndecided;
 use palpate_work::tune::{Tune, Tuning, given as given_settings, trials, tuned_settings};
 use pyo3::exceptions::PyValueError;
@@ -92,7 +94,7 @@ pub(crate) fn evaluate<'py>(
         let followed = Followed::of(sources, &mut settings, arm, named, progress)?;
         let Followed { recorded, touches, .. } = &*followed;
         let folds = evaluation::folds(touches, folds, test.as_deref().unwrap_or_default())?;
-        let work = Work {
+        let work = EvaluationJob {
             arm,
             recorded,
             touches,
@@ -106,7 +108,7 @@ pub(crate) fn evaluate<'py>(
             bodies: cloud.map(|object| object.bodies(progress)).transpose()?.unwrap_or_default(),
             followed: Some(followed.tracked()),
         };
-        work.evaluate(&Nowhere, progress)
+        work.evaluate(&NoStore, progress)
     })?;
     let result = result(py, &evaluated.evaluation)?;
     let tuned = evaluated.tuned.map(|folds| {
@@ -142,8 +144,8 @@ pub(crate) fn summarised<'py>(
     errors: &Bound<'py, PyAny>,
     bands: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let errors: Vec<Option<Errors>> = of_python(errors)?;
-    let errors: Vec<Errors> = errors.into_iter().flatten().collect();
+    let errors: Vec<Option<TorqueErrors>> = of_python(errors)?;
+    let errors: Vec<TorqueErrors> = errors.into_iter().flatten().collect();
     let touches: Vec<[Option<BandWithErrors>; 2]> = of_python(bands)?;
     let [mut own, mut of_other_objects] = [Vec::new(), Vec::new()];
     for kinds in touches {
@@ -153,17 +155,17 @@ pub(crate) fn summarised<'py>(
     }
     let [own, of_other_objects] =
         [&own, &of_other_objects].map(|all| all.iter().collect::<Vec<_>>());
-    python(py, &json!(Summary::of(name, &errors, [&own, &of_other_objects])))
+    python(py, &json!(MethodSummary::of(name, &errors, [&own, &of_other_objects])))
 }
 
 /// The bands of each method on each touch, for `summarised`: calibrated on its own touches, and on other objects.
 fn bands<'py>(py: Python<'py>, evaluation: &Evaluation) -> PyResult<Bound<'py, PyAny>> {
     let with_errors = |band: &Option<Band>| band.as_ref().map(|own| json!([own, own.errors_n_m]));
-    let method = |own: &Prediction| {
+    let method = |own: &MethodPrediction| {
         let both = [&own.band, &own.band_of_other_objects].map(with_errors);
         (own.method.clone(), json!(both))
     };
-    let touch = |touch: &LeftOut| touch.predictions.iter().map(method).collect::<Value>();
+    let touch = |touch: &HeldOutTouch| touch.predictions.iter().map(method).collect::<Value>();
     python(py, &evaluation.touches.iter().map(touch).collect())
 }
 
@@ -180,7 +182,11 @@ fn result<'py>(py: Python<'py>, evaluation: &Evaluation) -> PyResult<Bound<'py, 
 }
 
 /// A held-out touch as a dict.
-fn left_out<'py>(py: Python<'py>, touch: &LeftOut, joints: usize) -> PyResult<Bound<'py, PyDict>> {
+fn left_out<'py>(
+    py: Python<'py>,
+    touch: &HeldOutTouch,
+    joints: usize,
+) -> PyResult<Bound<'py, PyDict>> {
     let rows = |torques: &[Vec<f64>]| table_of(py, torques.iter().map(Vec::as_slice), joints);
     let dict = PyDict::new(py);
     dict.set_item("name", &touch.name)?;

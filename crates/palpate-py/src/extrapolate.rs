@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use numpy::{PyArray1, PyArray2};
 use palpate_io::cloud::{self, Cloud};
 use palpate_learn::extrapolate::Features;
-use palpate_work::extrapolate::{Chosen, Work, filled, method_of};
+use palpate_work::extrapolate::{ExtrapolationJob, ExtrapolationSettings, filled, method_of};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyAny;
@@ -74,10 +74,10 @@ pub(crate) fn extrapolate(
     let method = method.map(method_of).transpose().map_err(|why| wrong("method", &why))?;
     let features = features.map(str::parse::<Features>).transpose();
     let features = features.map_err(|why| wrong("features", &why.to_string()))?;
-    let given = Chosen { method, features, reach_cells, length_scale };
+    let given = ExtrapolationSettings { method, features, reach_cells, length_scale };
     let saved = field.saved(py, true);
     let found = long(py, progress, |progress| -> Result<_> {
-        let work = Work {
+        let work = ExtrapolationJob {
             arm: &robot.arm,
             saved: &saved,
             names: [Path::new("field"), name.as_path()],

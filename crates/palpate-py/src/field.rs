@@ -6,16 +6,16 @@ use std::sync::Arc;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use palpate::unstable::ElasticModel;
 use palpate::{Calibration, CellId, ContactConfig, ExternalTorqueConfig, Sample, Snapshot};
-use palpate_io::field::{self, Saved};
+use palpate_io::field::{self, SavedField};
 use palpate_learn::next_touch::Criterion;
 use palpate_work::change::compare;
 use palpate_work::field_arrays::FieldArrays;
-use palpate_work::forget::{Which, forget};
+use palpate_work::forget::{TouchSelection, forget};
 use palpate_work::held_joints::of_field;
-use palpate_work::next::{Request, next};
-use palpate_work::predict::{Against, FrameResult, TouchResult, planned, score};
+use palpate_work::next::{RankingRequest, next};
+use palpate_work::predict::{FrameResult, ReferenceTorque, TouchResult, planned, score};
 use palpate_work::robot::warn_of_other_robot;
-use palpate_work::scored::{Report, report_oddities};
+use palpate_work::scored::{PredictionReport, report_oddities};
 use palpate_work::settings::Settings;
 use palpate_work::settings::sections::RobotSettings;
 use palpate_work::touches::{IfUndecided, RecordedTouch, Touches};
@@ -79,8 +79,8 @@ pub(crate) struct Field {
 
 impl Field {
     /// Moves the arrays of a field to NumPy arrays.
-    pub(crate) fn of(py: Python<'_>, saved: Saved) -> Result<Self> {
-        let Saved { field, prior_n_per_m, robot, snapshot, elastic_touches } = saved;
+    pub(crate) fn of(py: Python<'_>, saved: SavedField) -> Result<Self> {
+        let SavedField { field, prior_n_per_m, robot, snapshot, elastic_touches } = saved;
         let point = |cell: &CellId| <[f64; 3]>::from(field.lattice.point(*cell));
         let places: Vec<[f64; 3]> = field.cells.iter().map(point).collect();
         Ok(Self {
@@ -117,8 +117,8 @@ impl Field {
     }
 
     /// A copy with everything that a file contains; with `memory`, also its snapshot and touches.
-    pub(crate) fn saved(&self, py: Python<'_>, memory: bool) -> Saved {
-        Saved {
+    pub(crate) fn saved(&self, py: Python<'_>, memory: bool) -> SavedField {
+        SavedField {
             field: self.core(py),
             prior_n_per_m: self.prior.as_ref().map(|prior| copied(py, prior)),
             robot: self.robot.clone(),
@@ -295,7 +295,7 @@ impl Field {
         let settings = settings::read(settings, sections)?;
         let robot = self.robot(py, robot)?;
         let (sources, field) = (sources(log)?, self.core(py));
-        let against = if truth { Against::Truth } else { Against::Measured };
+        let against = if truth { ReferenceTorque::Truth } else { ReferenceTorque::Measured };
         let results = long(py, progress, |progress| -> Result<_, WorkError> {
             let (mut touches, touch) = beside((&field, &robot), (sources, settings), progress)?;
             let results = score(&robot.arm, &field, touch, against, (&mut touches, progress))?;
@@ -365,7 +365,7 @@ impl Field {
                 return Err(PyValueError::new_err(message).into());
             }
         };
-        let request = Request { criterion, count, limit_n_m: limit, box_m: r#box };
+        let request = RankingRequest { criterion, count, limit_n_m: limit, box_m: r#box };
         let saved = self.saved(py, true);
         let found = long(py, progress, |progress| {
             next(&robot.arm, &saved, (&candidates, &task), &request, progress)
@@ -390,11 +390,12 @@ impl Field {
         progress: Option<&Bound<'_, PyAny>>,
     ) -> Result<Self> {
         let robot = self.robot(py, robot)?;
-        let which = Which { names: touches.unwrap_or_default(), older_than, touched_box_m: r#box };
+        let which =
+            TouchSelection { names: touches.unwrap_or_default(), older_than, touched_box_m: r#box };
         let saved = self.saved(py, true);
         let without = long(py, progress, |progress| {
             let (mapper, _) = forget(&robot.arm, (&saved, "the field"), &which, progress)?;
-            Ok::<_, WorkError>(Saved::of_mapper(&mapper))
+            Ok::<_, WorkError>(SavedField::of_mapper(&mapper))
         })?;
         Self::of(py, without)
     }
@@ -431,7 +432,7 @@ fn beside(
     touches.angle_unit(&robot.arm, &mut settings, progress)?;
     settings.robot.arm.clone_from(&robot.settings.arm);
     touches.external(&robot.arm, &mut settings, IfUndecided::LeaveOpen, progress)?;
-    let touch = settings.torque_beside_field(&field.touch)?;
+    let touch = settings.torque_convention_for_field(&field.touch)?;
     let place = (field.lattice.clone(), field.contact.clone());
     Ok((touches.for_arm(&robot.arm, &settings.log, place)?, touch))
 }
@@ -452,10 +453,10 @@ fn motions(arrays: &[Bound<'_, PyAny>], name: &str, joints: usize) -> Result<Vec
 fn scored<'py>(
     py: Python<'py>,
     results: &[TouchResult],
-    (field, against): (&palpate::Field, Against),
+    (field, against): (&palpate::Field, ReferenceTorque),
     joints: usize,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let report = python(py, &json!(Report::new(results, (field, against))))?;
+    let report = python(py, &json!(PredictionReport::new(results, (field, against))))?;
     let touches = report.get_item("touches")?;
     for (touch, result) in touches.try_iter()?.zip(results) {
         let (touch, frames) = (touch?, &result.frames);

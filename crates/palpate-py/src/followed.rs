@@ -3,9 +3,9 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use palpate::Arm;
-use palpate_learn::tracked::{Touch, Tracked};
+use palpate_learn::tracked::{TouchSamples, TrackedTouches};
 use palpate_work::WorkError;
-use palpate_work::evaluate::{self, configs, fault, follow};
+use palpate_work::evaluate::{self, configs, fault, track};
 use palpate_work::settings::Settings;
 use palpate_work::settings::sections::TouchSettings;
 use palpate_work::touches::{IfUndecided, RecordedTouch};
@@ -21,9 +21,9 @@ pub(crate) struct Followed {
     /// The touches as recorded.
     pub(crate) recorded: Vec<RecordedTouch>,
     /// The touches as evaluated.
-    pub(crate) touches: Vec<Touch>,
+    pub(crate) touches: Vec<TouchSamples>,
     /// The touches with their contacts, with the settings of `map`.
-    tracked: Arc<Tracked>,
+    tracked: Arc<TrackedTouches>,
     /// Sign, gravity and tare of the torques, as found in the logs.
     touch: TouchSettings,
     /// The notes and warnings about the logs.
@@ -35,7 +35,7 @@ static LAST: Mutex<Option<Arc<Followed>>> = Mutex::new(None);
 
 impl Followed {
     /// The touches with their contacts.
-    pub(crate) fn tracked(&self) -> Arc<Tracked> {
+    pub(crate) fn tracked(&self) -> Arc<TrackedTouches> {
         Arc::clone(&self.tracked)
     }
 
@@ -66,7 +66,7 @@ impl Followed {
         touches.angle_unit(arm, settings, progress)?;
         touches.external(arm, settings, IfUndecided::Refuse, progress)?;
         let (recorded, touches) = evaluate::read(touches, (arm, settings), truth, progress)?;
-        let tracked = follow(arm, &configs(settings)?[0], &touches, progress)
+        let tracked = track(arm, &configs(settings)?[0], &touches, progress)
             .map_err(|error| fault(&recorded, error, String::new()))?;
         let (touch, messages) = (settings.touch.clone(), progress.messages());
         let tracked = Arc::new(tracked);

@@ -140,7 +140,7 @@ pub(crate) fn opened(sources: Vec<Source>, settings: &LogSettings) -> Result<Tou
     let mut all = Touches::default();
     for source in sources {
         all = all.then(match source {
-            Source::Touch(touch) => Touches::held(HELD, vec![touch]),
+            Source::Touch(touch) => Touches::in_memory(HELD, vec![touch]),
             Source::Log(paths, own) => {
                 let settings = Settings::from(own).over(settings.clone().into());
                 Touches::open(&paths, &settings.log.options())?

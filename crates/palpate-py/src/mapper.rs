@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::DVector;
 use numpy::PyArray1;
 use palpate::{EstimatorKind, ExternalTorqueConfig, MapperError, Sample, TorqueStream};
-use palpate_io::field::{self, Saved};
+use palpate_io::field::{self, SavedField};
 use palpate_work::elastic::without_body;
 use palpate_work::error::WorkError;
 use palpate_work::settings::{OrAuto, Settings};
@@ -80,7 +80,7 @@ impl Mapper {
     /// A mapper that resumes from a field.
     fn going_on(
         py: Python<'_>,
-        (saved, name): (Saved, &str),
+        (saved, name): (SavedField, &str),
         robot: Robot,
         mut settings: Settings,
     ) -> Result<Self> {
@@ -218,7 +218,7 @@ impl Mapper {
         }
         let State { mapper, stream, .. } = &mut *state;
         if stream.is_some() {
-            self.settings.torque_beside_robot().map_err(WorkError::from)?;
+            self.settings.torque_convention_for_robot().map_err(WorkError::from)?;
         }
         let report = py.detach(|| {
             let sample = match stream {
@@ -282,7 +282,7 @@ impl Mapper {
 
     /// A copy of the present field with its memory; later samples do not change it.
     fn field(&self, py: Python<'_>) -> Result<Field> {
-        let saved = Saved::of_mapper(&self.state.take(py)?.borrow().mapper);
+        let saved = SavedField::of_mapper(&self.state.take(py)?.borrow().mapper);
         Field::of(py, saved)
     }
 
@@ -319,7 +319,7 @@ impl Mapper {
     /// Writes the field as .npz, never partially; without `memory`, mapping cannot be resumed from it.
     #[pyo3(signature = (path, memory = true))]
     fn save(&self, py: Python<'_>, path: PathBuf, memory: bool) -> Result<()> {
-        let mut saved = Saved::of_mapper(&self.state.take(py)?.borrow().mapper);
+        let mut saved = SavedField::of_mapper(&self.state.take(py)?.borrow().mapper);
         saved.snapshot.take_if(|_| !memory);
         Ok(py.detach(|| field::save(&path, &saved))?)
     }

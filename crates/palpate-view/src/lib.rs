@@ -27,4 +27,4 @@ mod rrd;
 pub mod viewer;
 
 #[cfg(feature = "rerun")]
-pub use recording::{Frame, Recording, Scene, Torque, ViewError};
+pub use recording::{DrawnSample, Recording, SampleTorque, Scene, ViewError};

@@ -77,7 +77,7 @@ pub struct Scene {
 
 /// One sample.
 #[derive(Debug, Clone, Copy)]
-pub struct Frame<'a> {
+pub struct DrawnSample<'a> {
     /// Number of the sample in the recording.
     pub sample: u64,
     /// Time in the recording, s.
@@ -87,12 +87,12 @@ pub struct Frame<'a> {
     /// The cells that the arm displaces.
     pub contacts: &'a Contacts,
     /// Torque; `None` while the tare is being taken.
-    pub torque: Option<Torque<'a>>,
+    pub torque: Option<SampleTorque<'a>>,
 }
 
 /// The torque of one sample, n_joints, N·m.
 #[derive(Debug, Clone, Copy)]
-pub struct Torque<'a> {
+pub struct SampleTorque<'a> {
     /// τ_ext.
     pub measured: &'a DVector<f64>,
     /// τ̂.
@@ -247,7 +247,7 @@ impl<'out> Recording<'out> {
     /// # Panics
     ///
     /// If there is not one pose for each link of the scene, which is a bug in the caller.
-    pub fn frame(&mut self, frame: &Frame<'_>) -> Result<(), ViewError> {
+    pub fn frame(&mut self, frame: &DrawnSample<'_>) -> Result<(), ViewError> {
         assert_eq!(frame.world_from_link.len(), self.links.len(), "one pose per link");
         self.set_time(frame.sample, frame.time_s);
         for (entity, pose) in self.links.iter().zip(frame.world_from_link) {
@@ -284,7 +284,7 @@ impl<'out> Recording<'out> {
         Ok(self.stream.log("world/contacts/at", &points)?)
     }
 
-    fn log_torque(&self, torque: &Torque<'_>) -> Result<(), ViewError> {
+    fn log_torque(&self, torque: &SampleTorque<'_>) -> Result<(), ViewError> {
         let both = [("measured", torque.measured), ("predicted", torque.predicted)];
         for (what, tau) in both {
             self.scalar(&format!("torque/norm/{what}"), tau.norm())?;

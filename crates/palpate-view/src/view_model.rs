@@ -52,7 +52,7 @@ impl LinkShape {
 
 /// The drawn cells of a field; every vector has one entry for each cell.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Cells {
+pub struct DrawnCells {
     /// Rest points, m.
     pub points_m: Vec<[f32; 3]>,
     /// Colours: red, green, blue.
@@ -67,7 +67,7 @@ pub struct Cells {
     pub counts: Vec<u32>,
 }
 
-impl Cells {
+impl DrawnCells {
     /// The cells that are stiffer than this, N/m.
     #[must_use]
     pub fn above(&self, stiffness_n_per_m: f32) -> Self {
@@ -118,7 +118,7 @@ impl Scale {
 
     /// The touched cells at or above the lower end of the scale; the stiffest [`CELLS`] if there
     /// are more.
-    pub fn cells(&self, field: &Field) -> Cells {
+    pub fn cells(&self, field: &Field) -> DrawnCells {
         let [low, high] = self.ends_n_per_m();
         let stiffness = |row: usize| field.stiffness_n_per_m[row];
         let mut drawn: Vec<usize> = field
@@ -132,7 +132,7 @@ impl Scale {
         }
         drawn.sort_unstable();
         let spacing_m = field.lattice.spacing_m();
-        let mut cells = Cells::default();
+        let mut cells = DrawnCells::default();
         for row in drawn {
             let part = ((stiffness(row) / high).log10() / DECADES + 1.0).clamp(0.0, 1.0);
             let radius_m = spacing_m * (RADII[0] + part * (RADII[1] - RADII[0]));
@@ -260,7 +260,10 @@ mod tests {
     fn a_field_of_nothing_draws_nothing() {
         let (soft, empty) = (field(vec![0.0; 5]), field(Vec::new()));
         let scale = Scale::default();
-        assert_eq!((scale.cells(&soft), scale.cells(&empty)), (Cells::default(), Cells::default()));
+        assert_eq!(
+            (scale.cells(&soft), scale.cells(&empty)),
+            (DrawnCells::default(), DrawnCells::default())
+        );
     }
 
     #[test]

@@ -9,7 +9,7 @@ use palpate::unstable::{LinkContacts, LinkId};
 use palpate::{CellId, ContactConfig, Contacts, ExternalTorqueConfig, Field, Lattice};
 use palpate_view::contents::{chunks, layout, rows, scalars};
 use palpate_view::view_model::{CONTACTS, LinkShape};
-use palpate_view::{Frame, Recording, Scene, Torque, ViewError};
+use palpate_view::{DrawnSample, Recording, SampleTorque, Scene, ViewError};
 use re_sdk::log::Chunk;
 use re_sdk_types::archetypes::{Arrows3D, Mesh3D, Points3D, Transform3D};
 use re_sdk_types::components::{Position3D, Translation3D, Vector3D};
@@ -62,8 +62,8 @@ fn say(recording: &mut Recording<'_>) -> Result<(), ViewError> {
     for sample in 0..300 {
         let [measured, predicted] = tau(sample);
         let touching = if (100..200).contains(&sample) { contacts(5) } else { contacts(0) };
-        let torque = Torque { measured: &measured, predicted: &predicted };
-        recording.frame(&Frame {
+        let torque = SampleTorque { measured: &measured, predicted: &predicted };
+        recording.frame(&DrawnSample {
             sample,
             time_s: Some(0.02 * sample as f64),
             world_from_link: &poses(sample),
@@ -155,12 +155,12 @@ fn arrows_go_from_rest_to_where_the_points_are_and_vanish_with_the_contact() {
 fn of_many_contacts_some_are_drawn_and_all_are_counted() {
     let bytes = recorded(&scene(), |recording| {
         let [measured, predicted] = tau(1);
-        recording.frame(&Frame {
+        recording.frame(&DrawnSample {
             sample: 0,
             time_s: None,
             world_from_link: &poses(0),
             contacts: &contacts(4000),
-            torque: Some(Torque { measured: &measured, predicted: &predicted }),
+            torque: Some(SampleTorque { measured: &measured, predicted: &predicted }),
         })
     });
     assert_eq!(scalars(&bytes, "/contacts").unwrap(), [4000.0]);

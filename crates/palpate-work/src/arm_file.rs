@@ -34,7 +34,7 @@ pub fn text(robot: &Robot, model: &TorqueModel, remarks: &str) -> String {
 ///
 /// # Errors
 ///
-/// As [`read`].
+/// If the file cannot be read, is not such a file, or belongs to another robot.
 pub fn of(settings: &RobotSettings, robot: &Robot) -> Result<Option<TorqueModel>, WorkError> {
     settings.arm.as_deref().map(|path| read(path, robot)).transpose()
 }
@@ -43,7 +43,7 @@ pub fn of(settings: &RobotSettings, robot: &Robot) -> Result<Option<TorqueModel>
 ///
 /// # Errors
 ///
-/// As [`read`].
+/// If the file cannot be read, is not such a file, or belongs to another robot.
 pub fn or_urdf(
     settings: &RobotSettings,
     robot: &Robot,
@@ -67,7 +67,7 @@ pub fn or_urdf(
 /// # Errors
 ///
 /// If it cannot be read, is not such a file, or belongs to another robot.
-pub fn read(path: &Path, robot: &Robot) -> Result<TorqueModel, WorkError> {
+fn read(path: &Path, robot: &Robot) -> Result<TorqueModel, WorkError> {
     let wrong = |what: &str| WorkError::Usage(format!("`{}`: {what}", path.display()));
     let text = input::read_text(path, LARGEST).map_err(|error| match error.kind() {
         ErrorKind::InvalidData => {

@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 use palpate::unstable::LoggedTouch;
 use palpate::{Arm, ExternalTorqueConfig, MapperConfig, Snapshot};
-use palpate_io::field::Saved;
+use palpate_io::field::SavedField;
 use palpate_learn::LearnError;
 use palpate_learn::change::{self, Comparison};
-use palpate_learn::tracked::{Touch, Tracked};
+use palpate_learn::tracked::{TouchSamples, TrackedTouches};
 use serde::Serialize;
 
 use crate::error::WorkError;
@@ -19,16 +19,16 @@ use crate::touches::Touches;
 
 /// Result of [`compare`], printed by `palpate compare --json`.
 #[derive(Debug, Clone, Serialize)]
-pub struct Report {
+pub struct ComparisonReport {
     /// Result of each touch.
-    pub touches: Vec<OfTouch>,
+    pub touches: Vec<TouchComparison>,
     /// Result of all touches together.
     pub together: Comparison,
 }
 
 /// A touch, compared with the field.
 #[derive(Debug, Clone, Serialize)]
-pub struct OfTouch {
+pub struct TouchComparison {
     /// Name of the touch.
     pub name: String,
     /// The log with the touch.
@@ -44,16 +44,16 @@ fn learnt(
     config: &MapperConfig,
     snapshot: &Snapshot,
     stop: &(dyn Fn() -> bool + Sync),
-) -> Result<Tracked, LearnError> {
+) -> Result<TrackedTouches, LearnError> {
     let mut config = config.clone();
     config.touch = snapshot.config.touch.clone();
     let whole = snapshot.sample_log.iter().filter(|touch| !touch.lost && !touch.q.is_empty());
-    let touch = |logged: &LoggedTouch| Touch {
+    let touch = |logged: &LoggedTouch| TouchSamples {
         name: forget::name(logged),
         samples: logged.samples(snapshot.n_joints).collect(),
         truth: None,
     };
-    Tracked::new(arm, &config, &whole.map(touch).collect::<Vec<_>>(), stop)
+    TrackedTouches::new(arm, &config, &whole.map(touch).collect::<Vec<_>>(), stop)
 }
 
 /// Compares the touches of logs with a field; `touch` is the convention of their torques. Touches that repeat a touch
@@ -64,11 +64,11 @@ fn learnt(
 /// If a log is broken, a sample cannot be used, the field has no bands, or the progress stops it.
 pub fn compare(
     arm: &Arc<Arm>,
-    Saved { field, snapshot, .. }: &Saved,
+    SavedField { field, snapshot, .. }: &SavedField,
     touch: ExternalTorqueConfig,
     mut touches: Touches,
     progress: &dyn Progress,
-) -> Result<Report, WorkError> {
+) -> Result<ComparisonReport, WorkError> {
     if field.elastic.is_some() {
         progress.note("the field's springs are compared, not its elastic body");
     }
@@ -78,7 +78,7 @@ pub fn compare(
     let place = (config.lattice.clone(), config.contact.clone());
     let recorded = touches.read(None)?;
     touches.report_warnings(progress);
-    touches.check(arm, place, &config.touch).of(&recorded).look(progress)?;
+    touches.check(arm, place, &config.touch).of(&recorded).check(progress)?;
     let named = as_touches(&recorded, false)?;
     let stop = || progress.stopped();
     let _bar = progress.begin(None, "touches", "comparing");
@@ -94,12 +94,12 @@ pub fn compare(
         }
         None => None,
     };
-    let compared = Tracked::new(arm, &config, &named, &stop)
+    let compared = TrackedTouches::new(arm, &config, &named, &stop)
         .and_then(|tracked| change::compare((arm, &tracked), field, learnt.as_ref(), &stop));
     let (each, together) = compared.map_err(|error| fault(&recorded, error, String::new()))?;
     let touches = recorded.into_iter().zip(each);
     let touches = touches
-        .map(|(touch, comparison)| OfTouch { name: touch.name, log: touch.log, comparison })
+        .map(|(touch, comparison)| TouchComparison { name: touch.name, log: touch.log, comparison })
         .collect();
-    Ok(Report { touches, together })
+    Ok(ComparisonReport { touches, together })
 }

@@ -17,9 +17,9 @@ use crate::quantile::median;
 /// Approximate number of frames for which gravity is computed.
 const FRAMES: usize = 2_000;
 /// Least torque of gravity, N·m, for which conventions are compared; with less, gravity hardly matters.
-pub(crate) const LEAST_GRAVITY: f64 = 1.0;
+pub(crate) const MIN_GRAVITY: f64 = 1.0;
 /// Torques below this, N·m, are noise of the sensors.
-const LEAST_TORQUE: f64 = 0.05;
+const MIN_TORQUE: f64 = 0.05;
 /// The best convention is accepted if its residual is below this ratio to that of any other,
 pub(crate) const BETTER: f64 = 0.5;
 /// or if the slope of the torques on gravity differs by less than this from the slope that it implies.
@@ -27,21 +27,21 @@ pub(crate) const NEAR_SLOPE: f64 = 0.3;
 /// Torques are proportional to gravity if it explains more than this share of their sum of squares, and the slope is
 /// larger than a small error of the robot's masses causes.
 const EXPLAINED: f64 = 0.7;
-const LEAST_SLOPE: f64 = 0.05;
+const MIN_SLOPE: f64 = 0.05;
 /// Slopes on gravity of an arm that carries more than its file says; larger ones are due to another unit.
 const LADEN_SLOPES: std::ops::Range<f64> = 1.3..5.0;
 /// Slopes on gravity of torques in mN·m; the upper end is for an arm that carries its own weight.
 const IN_THOUSANDTHS: std::ops::Range<f64> = 800.0..2000.0;
 /// Least work from which the sign is concluded, J.
-const LEAST_WORK_J: f64 = 0.005;
+const MIN_WORK_J: f64 = 0.005;
 /// Largest ratio of the work in one direction to the larger work in the other from which the sign is concluded.
-const MOST_BACK: f64 = 0.3;
+const MAX_BACK: f64 = 0.3;
 /// Fewest frames at rest at the start that give a tare.
-const LEAST_TARE: usize = MIN_TARE_FRAMES as usize;
+const MIN_TARE: usize = MIN_TARE_FRAMES as usize;
 
 /// What is computed of the torques of a log to decide their convention.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Evidence {
+pub(crate) struct ConventionEvidence {
     /// Median over frames of the norm of the logged torque, and of that of gravity, N·m.
     torque: f64,
     gravity: f64,
@@ -86,21 +86,21 @@ struct Work {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Undecided {
     /// Two conventions fit about equally well.
-    Alike(Evidence),
+    Ambiguous(ConventionEvidence),
     /// The torques contain no gravity, and their work does not show the sign.
-    Sign(Evidence),
+    Sign(ConventionEvidence),
     /// No convention fits: another unit, another robot, a payload, contacts throughout.
-    Nothing(Evidence),
+    NoFit(ConventionEvidence),
 }
 
 /// The given part of the convention; the rest is to be found.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct Given {
+pub(crate) struct KnownConvention {
     pub(crate) torque_sign: Option<TorqueSign>,
     pub(crate) gravity: Option<Gravity>,
 }
 
-impl Given {
+impl KnownConvention {
     /// A convention that is given completely.
     pub(crate) fn of(set: &ExternalTorqueConfig) -> Self {
         Self { torque_sign: Some(set.torque_sign), gravity: Some(set.gravity) }
@@ -109,16 +109,16 @@ impl Given {
 
 /// A decided convention, and the evidence for it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Convention {
+pub(crate) struct TorqueConvention {
     pub(crate) torque_sign: TorqueSign,
     pub(crate) gravity: Gravity,
-    evidence: Evidence,
+    evidence: ConventionEvidence,
 }
 
-impl Convention {
+impl TorqueConvention {
     /// Whether all torques are near zero.
-    pub(crate) fn is_of_nothing(&self) -> bool {
-        self.evidence.largest < LEAST_TORQUE
+    pub(crate) fn is_without_torque(&self) -> bool {
+        self.evidence.largest < MIN_TORQUE
     }
 }
 
@@ -132,7 +132,7 @@ pub(crate) fn residual(torques: &[(Vec<f64>, Vec<f64>)], sign: f64, part: f64) -
     median(&torques.iter().map(norm).collect::<Vec<_>>())
 }
 
-impl Evidence {
+impl ConventionEvidence {
     /// The evidence of some touches, joints in the robot's order; `None` without samples.
     pub(crate) fn of(robot: &Robot, touches: &[&[Sample]], still_rad: f64) -> Option<Self> {
         let samples: usize = touches.iter().map(|touch| touch.len()).sum();
@@ -165,13 +165,13 @@ impl Evidence {
 
     /// The sign of torques without gravity, if their work shows it.
     pub(crate) fn sign_by_work(&self) -> Option<TorqueSign> {
-        self.work.sign().filter(|_| self.largest >= LEAST_TORQUE)
+        self.work.sign().filter(|_| self.largest >= MIN_TORQUE)
     }
 
     /// Whether the torques at the starts of touches are proportional to gravity, as motor currents are and contact
     /// torques are not.
     fn is_proportional(&self) -> bool {
-        self.explained_at_start > EXPLAINED && self.slope_at_start.abs() > LEAST_SLOPE
+        self.explained_at_start > EXPLAINED && self.slope_at_start.abs() > MIN_SLOPE
     }
 
     /// Whether the torques are proportional to gravity and larger, as with a payload that is not given or with too
@@ -181,14 +181,15 @@ impl Evidence {
     }
 
     /// Decides the convention, of which a part may be given.
-    pub(crate) fn decide(self, given: Given) -> Result<Convention, Undecided> {
-        let Given { torque_sign: sign, gravity } = given;
-        let found = |torque_sign, gravity| Convention { torque_sign, gravity, evidence: self };
+    pub(crate) fn decide(self, given: KnownConvention) -> Result<TorqueConvention, Undecided> {
+        let KnownConvention { torque_sign: sign, gravity } = given;
+        let found =
+            |torque_sign, gravity| TorqueConvention { torque_sign, gravity, evidence: self };
         if let (Some(torque_sign), Some(gravity)) = (sign, gravity) {
             return Ok(found(torque_sign, gravity));
         }
-        if self.largest < LEAST_TORQUE {
-            let has_gravity = self.gravity >= LEAST_GRAVITY;
+        if self.largest < MIN_TORQUE {
+            let has_gravity = self.gravity >= MIN_GRAVITY;
             let held = if has_gravity { Gravity::Removed } else { Gravity::Included };
             return Ok(found(sign.unwrap_or_default(), gravity.unwrap_or(held)));
         }
@@ -196,7 +197,7 @@ impl Evidence {
             let sign = sign.or(self.sign_by_work()).ok_or(Undecided::Sign(self))?;
             Ok(found(sign, gravity))
         };
-        if self.gravity < LEAST_GRAVITY {
+        if self.gravity < MIN_GRAVITY {
             return removed(gravity.unwrap_or_default());
         }
         if gravity == Some(Gravity::Removed) {
@@ -219,28 +220,28 @@ impl Evidence {
             _ if self.is_laden() && gravity != Some(Gravity::Removed) => {
                 let own = if self.slope > 0.0 { TorqueSign::Plus } else { TorqueSign::Minus };
                 match sign {
-                    Some(sign) if sign != own => Err(Undecided::Nothing(self)),
+                    Some(sign) if sign != own => Err(Undecided::NoFit(self)),
                     _ => Ok(found(own, Gravity::Included)),
                 }
             }
-            _ if !near && least > BETTER * self.gravity => Err(Undecided::Nothing(self)),
-            _ if !near && !clear => Err(Undecided::Alike(self)),
+            _ if !near && least > BETTER * self.gravity => Err(Undecided::NoFit(self)),
+            _ if !near && !clear => Err(Undecided::Ambiguous(self)),
             Gravity::Included => Ok(found(torque_sign, held)),
-            Gravity::Removed if self.is_proportional() => Err(Undecided::Nothing(self)),
+            Gravity::Removed if self.is_proportional() => Err(Undecided::NoFit(self)),
             Gravity::Removed => removed(held),
         }
     }
 }
 
-impl fmt::Display for Convention {
+impl fmt::Display for TorqueConvention {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Evidence { torque, gravity, after_gravity, slope, work, .. } = self.evidence;
+        let ConventionEvidence { torque, gravity, after_gravity, slope, work, .. } = self.evidence;
         let sign = word(self.torque_sign);
         let [torque, gravity] = [torque, gravity].map(number);
-        if self.is_of_nothing() {
+        if self.is_without_torque() {
             return write!(f, "the torques are near zero throughout: were they recorded?");
         }
-        if self.gravity == Gravity::Included && self.evidence.gravity >= LEAST_GRAVITY {
+        if self.gravity == Gravity::Included && self.evidence.gravity >= MIN_GRAVITY {
             let residual =
                 number(after_gravity[usize::from(self.torque_sign == TorqueSign::Minus)]);
             return write!(
@@ -266,12 +267,14 @@ impl fmt::Display for Convention {
 
 impl fmt::Display for Undecided {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (Self::Alike(of) | Self::Sign(of) | Self::Nothing(of)) = self;
-        let Evidence { torque, gravity, after_gravity: [plus, minus], slope, work, .. } = of;
+        let (Self::Ambiguous(of) | Self::Sign(of) | Self::NoFit(of)) = self;
+        let ConventionEvidence {
+            torque, gravity, after_gravity: [plus, minus], slope, work, ..
+        } = of;
         let [torque, gravity, plus, minus, taken, done] =
             [*torque, *gravity, *plus, *minus, work.taken, work.done].map(number);
         match self {
-            Self::Alike(_) => write!(
+            Self::Ambiguous(_) => write!(
                 f,
                 "whether the torques hold gravity does not show: they are {torque} N·m where gravity's are {gravity} \
                  N·m, and without it {plus} N·m (sign plus) or {minus} N·m (minus); say --gravity included or removed, \
@@ -283,7 +286,7 @@ impl fmt::Display for Undecided {
                  which way they count, and neither does their work (up to {taken} J taken from the arm, {done} J done); say --torque-sign \
                  plus if they are what the object exerts on the joints, minus if they are what the motors exert"
             ),
-            Self::Nothing(_) => write!(
+            Self::NoFit(_) => write!(
                 f,
                 "no convention explains the torques: they are {torque} N·m, {slope:.2} times gravity's {gravity} N·m; {}",
                 if IN_THOUSANDTHS.contains(&slope.abs()) {
@@ -308,7 +311,7 @@ impl Work {
             };
             let still = touch.iter().take_while(stays).count();
             let tare = match still {
-                0..LEAST_TARE => vec![0.0; start.tau.len()],
+                0..MIN_TARE => vec![0.0; start.tau.len()],
                 _ => mean(&touch[..still], |sample| &sample.tau),
             };
             let mut work = 0.0;
@@ -331,7 +334,7 @@ impl Work {
     fn sign(self) -> Option<TorqueSign> {
         let Self { done, taken } = self;
         let (more, less) = (done.max(taken), done.min(taken));
-        let clear = more > LEAST_WORK_J && less <= MOST_BACK * more;
+        let clear = more > MIN_WORK_J && less <= MAX_BACK * more;
         clear.then_some(if taken > done { TorqueSign::Plus } else { TorqueSign::Minus })
     }
 }
@@ -358,9 +361,12 @@ mod tests {
         (0..300).map(sample).collect()
     }
 
-    fn decide(touch: &[Sample], given: Given) -> Result<(TorqueSign, Gravity), Undecided> {
+    fn decide(
+        touch: &[Sample],
+        given: KnownConvention,
+    ) -> Result<(TorqueSign, Gravity), Undecided> {
         let robot = Robot::built_in("kinova_gen3").unwrap();
-        let found = Evidence::of(&robot, &[touch], 0.002).unwrap().decide(given)?;
+        let found = ConventionEvidence::of(&robot, &[touch], 0.002).unwrap().decide(given)?;
         Ok((found.torque_sign, found.gravity))
     }
 
@@ -369,7 +375,7 @@ mod tests {
         for (sign, torque_sign) in [(1.0, TorqueSign::Plus), (-1.0, TorqueSign::Minus)] {
             for (part, gravity) in [(1.0, Gravity::Included), (0.0, Gravity::Removed)] {
                 for contact in [[8.0, 0.0], [8.0, 1.0], [0.0, 1.0]] {
-                    let found = decide(&touch(sign, part, contact), Given::default());
+                    let found = decide(&touch(sign, part, contact), KnownConvention::default());
                     assert_eq!(found, Ok((torque_sign, gravity)), "{contact:?}");
                 }
             }
@@ -381,19 +387,19 @@ mod tests {
         // A constant torque at a joint that does not move does no work.
         let mut silent = touch(1.0, 0.0, [0.0, 0.0]);
         silent.iter_mut().skip(25).for_each(|sample| sample.tau[0] = 2.0);
-        let found = decide(&silent, Given::default());
+        let found = decide(&silent, KnownConvention::default());
         assert!(matches!(found, Err(Undecided::Sign(_))), "{found:?}");
-        let minus = Given { torque_sign: Some(TorqueSign::Minus), gravity: None };
+        let minus = KnownConvention { torque_sign: Some(TorqueSign::Minus), gravity: None };
         assert_eq!(decide(&silent, minus), Ok((TorqueSign::Minus, Gravity::Removed)));
         // A motor's current follows gravity, and is no torque.
-        let found = decide(&touch(-1.0, 0.12, [0.0, 0.05]), Given::default());
-        assert!(matches!(found, Err(Undecided::Nothing(_))), "{found:?}");
+        let found = decide(&touch(-1.0, 0.12, [0.0, 0.05]), KnownConvention::default());
+        assert!(matches!(found, Err(Undecided::NoFit(_))), "{found:?}");
         // An arm with a payload that is not in its file.
-        let found = decide(&touch(-1.0, 1.6, [0.0, 0.05]), Given::default());
+        let found = decide(&touch(-1.0, 1.6, [0.0, 0.05]), KnownConvention::default());
         assert_eq!(found, Ok((TorqueSign::Minus, Gravity::Included)));
         // Half of gravity could be either.
-        let found = decide(&touch(1.0, 0.5, [0.0, 0.05]), Given::default());
-        assert!(matches!(found, Err(Undecided::Alike(_))), "{found:?}");
+        let found = decide(&touch(1.0, 0.5, [0.0, 0.05]), KnownConvention::default());
+        assert!(matches!(found, Err(Undecided::Ambiguous(_))), "{found:?}");
     }
 
     #[test]
@@ -402,19 +408,19 @@ mod tests {
         let silent = |sample: &Sample| Sample::new(None, sample.q.clone(), vec![0.0; 7]);
         let end = silent(touch.last().unwrap());
         touch.extend(std::iter::repeat_n(end, 400));
-        let found = decide(&touch, Given::default());
+        let found = decide(&touch, KnownConvention::default());
         assert_eq!(found, Ok((TorqueSign::Minus, Gravity::Removed)));
         let silent: Vec<Sample> = touch.iter().map(silent).collect();
-        let found = decide(&silent, Given::default());
+        let found = decide(&silent, KnownConvention::default());
         assert_eq!(found, Ok((TorqueSign::Plus, Gravity::Removed)));
     }
 
     #[test]
     fn what_is_given_is_kept_and_the_rest_is_found() {
-        let given = Given { torque_sign: None, gravity: Some(Gravity::Removed) };
+        let given = KnownConvention { torque_sign: None, gravity: Some(Gravity::Removed) };
         let found = decide(&touch(-1.0, 0.0, [8.0, 1.0]), given);
         assert_eq!(found, Ok((TorqueSign::Minus, Gravity::Removed)));
-        let given = Given { torque_sign: Some(TorqueSign::Minus), gravity: None };
+        let given = KnownConvention { torque_sign: Some(TorqueSign::Minus), gravity: None };
         let found = decide(&touch(-1.0, 1.0, [8.0, 1.0]), given);
         assert_eq!(found, Ok((TorqueSign::Minus, Gravity::Included)));
     }

@@ -6,10 +6,10 @@ use nalgebra::Point3;
 use palpate::unstable::{ElasticBody, ElasticModel, SegmentKind};
 use palpate::{Arm, EstimatorKind, Mapper, Sample};
 use palpate_io::cloud::Cloud;
-use palpate_io::field::Saved;
-use palpate_learn::body::{ObjectHints, ObjectKind, Picture, readings};
-use palpate_learn::elastic::{BodyLearner, Settled, steps};
-use palpate_learn::tracked::{Touch, Tracked};
+use palpate_io::field::SavedField;
+use palpate_learn::body::{ObjectCloud, ObjectHints, ObjectKind, candidate_bodies};
+use palpate_learn::elastic::{ConvergenceCounts, ElasticBodyLearner, steps};
+use palpate_learn::tracked::{TouchSamples, TrackedTouches};
 use palpate_learn::{LearnError, Stop};
 use rayon::prelude::*;
 
@@ -23,7 +23,7 @@ const WIDEST_M: f64 = 30.0;
 const FARTHEST_ROOT_M: f64 = 1.0;
 
 /// A cloud from one camera, and the position of the camera, m, world frame, if it is known.
-pub type SeenCloud = (Cloud, Option<Point3<f64>>);
+pub type CloudWithViewpoint = (Cloud, Option<Point3<f64>>);
 
 /// Possible elastic bodies for the clouds of an object, the most likely first; empty if nothing in them can bend. A
 /// note or a warning says what was found; `name` is the name of the clouds in it.
@@ -36,20 +36,20 @@ pub type SeenCloud = (Cloud, Option<Point3<f64>>);
 ///
 /// If a cloud has no colours.
 pub fn bodies(
-    clouds: &[SeenCloud],
+    clouds: &[CloudWithViewpoint],
     hints: &ObjectHints,
     name: &str,
     progress: &dyn Progress,
 ) -> Result<Vec<Arc<ElasticBody>>, WorkError> {
     check_size(clouds, name)?;
     check_roots(clouds, hints)?;
-    let pictures = clouds.iter().map(|(cloud, viewpoint)| Picture {
+    let pictures = clouds.iter().map(|(cloud, viewpoint)| ObjectCloud {
         points: cloud.points(),
         colours: cloud.colours().expect("the caller gave colours"),
         viewpoint: *viewpoint,
     });
-    let pictures: Vec<Picture<'_>> = pictures.collect();
-    let bodies = readings(&pictures, hints);
+    let pictures: Vec<ObjectCloud<'_>> = pictures.collect();
+    let bodies = candidate_bodies(&pictures, hints);
     let kind = hints.kind();
     match bodies.first() {
         Some(body) => {
@@ -79,7 +79,7 @@ pub fn bodies(
 }
 
 /// Refuses clouds that are wider than [`WIDEST_M`] between the 5 % and 95 % quantiles of an axis: they may be in mm.
-fn check_size(clouds: &[SeenCloud], name: &str) -> Result<(), WorkError> {
+fn check_size(clouds: &[CloudWithViewpoint], name: &str) -> Result<(), WorkError> {
     let spans = clouds.iter().flat_map(|(cloud, _)| {
         (0..3).map(|axis| {
             let mut along: Vec<f64> = cloud.points().iter().map(|point| point[axis]).collect();
@@ -99,7 +99,7 @@ fn check_size(clouds: &[SeenCloud], name: &str) -> Result<(), WorkError> {
 }
 
 /// Refuses roots of a cushion, and roots that are far from all points.
-fn check_roots(clouds: &[SeenCloud], hints: &ObjectHints) -> Result<(), WorkError> {
+fn check_roots(clouds: &[CloudWithViewpoint], hints: &ObjectHints) -> Result<(), WorkError> {
     if hints.kind == Some(ObjectKind::Cushion) && !hints.roots_m.is_empty() {
         let message = "a root is where a plant is held, and the object is said to be a cushion; leave one of \
                        them out";
@@ -169,11 +169,11 @@ pub fn without_body() -> SettingsError {
 ///
 /// On being stopped.
 pub(crate) fn simulate_bodies(
-    tracked: Tracked,
+    tracked: TrackedTouches,
     (arm, bodies): (&Arc<Arm>, &[Arc<ElasticBody>]),
-    (touches, training): (&[Touch], &[Vec<usize>]),
+    (touches, training): (&[TouchSamples], &[Vec<usize>]),
     progress: &dyn Progress,
-) -> Result<Tracked, LearnError> {
+) -> Result<TrackedTouches, LearnError> {
     simulating((touches.len(), bodies.len()), progress, |stop_and_step| {
         let tracked = tracked.with_bodies(arm, bodies, (touches, training), stop_and_step)?;
         let settled = tracked.settled().unwrap_or_default();
@@ -185,7 +185,7 @@ pub(crate) fn simulate_bodies(
 fn simulating<T>(
     (touches, bodies): (usize, usize),
     progress: &dyn Progress,
-    simulate: impl FnOnce((Stop<'_>, &(dyn Fn() + Sync))) -> Result<(T, Settled), LearnError>,
+    simulate: impl FnOnce((Stop<'_>, &(dyn Fn() + Sync))) -> Result<(T, ConvergenceCounts), LearnError>,
 ) -> Result<T, LearnError> {
     let expected = steps(touches, bodies) as u64;
     let bar = progress.begin(Some(expected), "touches", "simulating the elastic body");
@@ -212,12 +212,12 @@ pub fn learn_body(
     bodies: &[Arc<ElasticBody>],
     touches: Vec<Vec<Sample>>,
     progress: &dyn Progress,
-) -> Result<Saved, WorkError> {
-    let mut saved = Saved::of_mapper(mapper);
+) -> Result<SavedField, WorkError> {
+    let mut saved = SavedField::of_mapper(mapper);
     if bodies.is_empty() {
         return Ok(saved);
     }
-    let mut learner = BodyLearner::new(mapper.arm(), mapper.config(), bodies);
+    let mut learner = ElasticBodyLearner::new(mapper.arm(), mapper.config(), bodies);
     let learnt = simulating((touches.len(), bodies.len()), progress, |stop_and_step| {
         let model = learner.learn(touches.clone(), stop_and_step)?;
         Ok((model, learner.settled()))

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use palpate::{Field, Lattice, MapperConfig};
-use palpate_io::field::Saved;
+use palpate_io::field::SavedField;
 
 /// Arrays of N points with their springs.
 #[derive(Debug, Clone)]
@@ -55,7 +55,7 @@ impl FieldArrays {
     ///
     /// If arrays differ in length, a number is not finite or below 0, or a point is not one of the
     /// lattice's, or comes twice.
-    pub fn field(self, config: &MapperConfig, robot: &str) -> Result<Saved, FieldArraysError> {
+    pub fn field(self, config: &MapperConfig, robot: &str) -> Result<SavedField, FieldArraysError> {
         self.check()?;
         let lattice = &config.lattice;
         let mut taken = HashSet::new();
@@ -72,7 +72,7 @@ impl FieldArrays {
         (field.cells, field.counts) = (cells, self.counts);
         field.stiffness_n_per_m = self.stiffness_n_per_m;
         field.std_n_per_m = self.std_n_per_m;
-        Ok(Saved::of_field(field, robot))
+        Ok(SavedField::of_field(field, robot))
     }
 
     fn check(&self) -> Result<(), FieldArraysError> {

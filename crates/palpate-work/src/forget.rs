@@ -4,16 +4,16 @@ use std::sync::Arc;
 
 use palpate::unstable::LoggedTouch;
 use palpate::{Arm, Field, Mapper, Predictor};
-use palpate_io::field::Saved;
+use palpate_io::field::SavedField;
 
+use crate::contact_counts::low_and_high;
 use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::SettingsError;
-use crate::touched::low_and_high;
 
 /// Which touches are forgotten: each that meets at least one of the conditions.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Which {
+pub struct TouchSelection {
     /// Touches with one of these names, or one of these numbers from 0, such as `#3`.
     pub names: Vec<String>,
     /// All but this many of the newest remembered touches.
@@ -34,7 +34,7 @@ pub fn listed(names: &[String]) -> String {
 }
 
 /// Number and name of a touch of a field, such as `#3 push`.
-pub fn name(touch: &LoggedTouch) -> String {
+pub(crate) fn name(touch: &LoggedTouch) -> String {
     format!("{} {}", number(touch), touch.name).trim_end().to_owned()
 }
 
@@ -50,8 +50,8 @@ fn number(touch: &LoggedTouch) -> String {
 /// If there are no such touches, or not all others can be learnt again, or the progress stops it.
 pub fn forget(
     arm: &Arc<Arm>,
-    (saved, field_name): (&Saved, &str),
-    which: &Which,
+    (saved, field_name): (&SavedField, &str),
+    which: &TouchSelection,
     progress: &dyn Progress,
 ) -> Result<(Mapper, Vec<String>), WorkError> {
     let field = &saved.field;

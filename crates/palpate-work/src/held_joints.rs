@@ -75,7 +75,7 @@ pub fn of_field(arm: Arc<Arm>, snapshot: Option<&Snapshot>, progress: &dyn Progr
 pub(crate) fn holding(arm: &Arm, held: &[Held]) -> Result<Arm, WorkError> {
     let mut arm = arm.clone();
     for Held { joint, position } in held {
-        arm.robot = arm.robot.holding(joint, *position).map_err(WorkError::file)?;
+        arm.robot = arm.robot.with_fixed_joint(joint, *position).map_err(WorkError::file)?;
     }
     Ok(arm)
 }

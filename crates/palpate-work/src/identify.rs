@@ -2,7 +2,7 @@
 
 use palpate::unstable::LinkId;
 use palpate::{Arm, ExternalTorqueConfig, Robot, Sample};
-use palpate_learn::identify::{Identified, IdentifyConfig, IdentifyError, identify};
+use palpate_learn::identify::{IdentifiedArm, IdentifyConfig, IdentifyError, identify};
 
 use crate::error::WorkError;
 use crate::progress::Progress;
@@ -21,7 +21,7 @@ pub struct IdentifySettings {
 }
 
 /// The result as JSON, without the model of the arm, which [`crate::arm_file`] writes.
-pub fn json(found: &Identified) -> serde_json::Value {
+pub fn json(found: &IdentifiedArm) -> serde_json::Value {
     serde_json::json!({
         "payload": found.payload, "joints": found.joints, "bodies": found.bodies,
         "base_parameters": found.base_parameters,
@@ -42,7 +42,7 @@ pub fn run(
     torques: &ExternalTorqueConfig,
     settings: &IdentifySettings,
     progress: &dyn Progress,
-) -> Result<Identified, WorkError> {
+) -> Result<IdentifiedArm, WorkError> {
     let robot = &arm.robot;
     let payload_link = match &settings.tool_link {
         Some(name) => {

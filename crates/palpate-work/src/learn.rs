@@ -4,19 +4,19 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use palpate::{Mapper, Sample, StepReport};
-use palpate_learn::errors::{ErrorSum, Errors};
+use palpate_learn::torque_errors::{ErrorSum, TorqueErrors};
 use serde::Serialize;
 use serde_json::json;
 
+use crate::contact_counts::ContactCounts;
 use crate::error::WorkError;
 use crate::inspect::log::LogCheck;
 use crate::progress::Progress;
-use crate::touched::Touched;
 use crate::touches::{TouchEvent, Touches};
 
 /// Counts of one touch.
 #[derive(Debug, Clone, Serialize)]
-pub struct TouchTally {
+pub struct TouchSummary {
     /// Name of the touch.
     pub name: String,
     /// The log with the touch.
@@ -31,10 +31,10 @@ pub struct TouchTally {
 
 /// Counts and errors of all touches.
 #[derive(Debug, Default)]
-pub struct Tally {
+pub struct LearningSummary {
     /// The touches in their order.
-    pub touches: Vec<TouchTally>,
-    touched: Touched,
+    pub touches: Vec<TouchSummary>,
+    touched: ContactCounts,
     predicted: ErrorSum,
     /// Place in the logs where learning was stopped, if it was.
     pub interrupted: Option<String>,
@@ -42,15 +42,15 @@ pub struct Tally {
 
 /// Errors of the field, with those of predicting zero for comparison.
 #[derive(Debug, Clone, Serialize)]
-pub struct Beside {
+pub struct ErrorsAndZero {
     /// Errors of the field.
     #[serde(flatten)]
-    pub errors: Option<Errors>,
+    pub errors: Option<TorqueErrors>,
     /// Errors of predicting zero on the same frames.
-    pub zero: Option<Errors>,
+    pub zero: Option<TorqueErrors>,
 }
 
-impl Tally {
+impl LearningSummary {
     fn add(&mut self, report: &StepReport) {
         let touch = self.touches.last_mut().expect("samples come after the start of a touch");
         touch.frames += 1;
@@ -65,7 +65,7 @@ impl Tally {
     }
 
     /// Sum of a count over all touches.
-    pub fn total(&self, of: impl Fn(&TouchTally) -> u64) -> u64 {
+    pub fn total(&self, of: impl Fn(&TouchSummary) -> u64) -> u64 {
         self.touches.iter().map(of).sum()
     }
 
@@ -76,7 +76,7 @@ impl Tally {
 
     /// All figures of a run as JSON; `mapper` is the mapper that has learnt.
     pub fn figures(&self, mapper: &Mapper) -> serde_json::Value {
-        let (config, cells) = (mapper.config(), Cells::of(mapper));
+        let (config, cells) = (mapper.config(), CellCounts::of(mapper));
         let (frames_remembered, bytes) = mapper.memory();
         json!({
             "robot": mapper.arm().robot.name(),
@@ -97,14 +97,14 @@ impl Tally {
     }
 
     /// Errors of predicting every frame just before it was learnt from.
-    pub fn before_learning(&self) -> Beside {
-        Beside { errors: self.predicted.errors(), zero: self.predicted.zero() }
+    pub fn before_learning(&self) -> ErrorsAndZero {
+        ErrorsAndZero { errors: self.predicted.errors(), zero: self.predicted.zero() }
     }
 }
 
 /// Numbers of cells, by touched and expected.
 #[derive(Debug, Clone, Copy)]
-pub struct Cells {
+pub struct CellCounts {
     /// Touched cells.
     pub touched: usize,
     /// Cells with a prior mean of their own, touched or not.
@@ -113,7 +113,7 @@ pub struct Cells {
     pub expected_and_touched: usize,
 }
 
-impl Cells {
+impl CellCounts {
     /// Counts the cells of a mapper.
     pub fn of(mapper: &Mapper) -> Self {
         let (counts, expected) = (mapper.field().counts, mapper.prior_means_n_per_m().len());
@@ -140,7 +140,7 @@ pub fn learn(
     after_step: AfterStep<'_>,
     record: Option<&mut Vec<Vec<Sample>>>,
     progress: &dyn Progress,
-) -> Result<Tally, WorkError> {
+) -> Result<LearningSummary, WorkError> {
     let config = mapper.config();
     let place = (config.lattice.clone(), config.contact.clone());
     let mut check = touches.check(mapper.arm(), place, &config.touch);
@@ -155,7 +155,7 @@ pub fn learn(
                         "`{log}`: no sample is left to learn from; with --split-idle the arm must stand still once before it moves"
                     )));
                 }
-                check.look(progress)?;
+                check.check(progress)?;
             }
             Ok(tally)
         }
@@ -171,8 +171,8 @@ fn learn_from(
     touches: &mut Touches,
     (after_step, mut record): (AfterStep<'_>, Option<&mut Vec<Vec<Sample>>>),
     (check, progress): (&mut LogCheck, &dyn Progress),
-) -> Result<Tally, WorkError> {
-    let mut tally = Tally::default();
+) -> Result<LearningSummary, WorkError> {
+    let mut tally = LearningSummary::default();
     let bar = progress.begin(touches.samples(), "frames", "learning");
     while let Some(event) = touches.advance()? {
         if progress.stopped() {
@@ -188,7 +188,7 @@ fn learn_from(
                 bar.at(&name);
                 let log = touches.log().to_owned();
                 let touch =
-                    TouchTally { name, log, frames: 0, tare_frames: 0, frames_in_contact: 0 };
+                    TouchSummary { name, log, frames: 0, tare_frames: 0, frames_in_contact: 0 };
                 tally.touches.push(touch);
                 record.iter_mut().for_each(|touches| touches.push(Vec::new()));
             }
@@ -213,7 +213,7 @@ fn learn_from(
 /// Ends the present touch, if there is one, and warns if the field has learnt from the same samples before.
 fn finish_touch(
     mapper: &mut Mapper,
-    tally: &Tally,
+    tally: &LearningSummary,
     progress: &dyn Progress,
 ) -> Result<(), WorkError> {
     let Some(touch) = tally.touches.last() else { return Ok(()) };

@@ -25,7 +25,7 @@
 //! | [`mod@arm_file`]  | the file of an identified arm                                     |
 //! | [`mod@inspect`]   | content of a log, a robot or a field, and what looks wrong with it |
 //! | [`mod@torque`]    | external torques with standard deviations, and contact intervals  |
-//! | [`mod@touched`]   | counts of displaced points and cells                              |
+//! | [`mod@contact_counts`] | counts of displaced points and cells                              |
 //! | [`mod@quantile`]  | quantiles, extremes and bounding boxes                            |
 //!
 //! The caller passes a [`Progress`], which receives messages and can stop the work. Nothing here
@@ -34,6 +34,7 @@
 
 pub mod arm_file;
 pub mod change;
+pub mod contact_counts;
 mod conventions;
 pub mod elastic;
 pub mod error;
@@ -58,7 +59,6 @@ pub mod scored;
 pub mod settings;
 pub mod study;
 pub mod torque;
-pub mod touched;
 pub mod touches;
 pub mod tune;
 

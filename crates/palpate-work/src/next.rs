@@ -4,21 +4,21 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use palpate::{Arm, EstimatorKind, Field, Gravity, MapperConfig, Robot, Sample, Tare};
-use palpate_io::field::Saved;
+use palpate_io::field::SavedField;
 use palpate_learn::next_touch::{Criterion, NextTouch, Proposal, Task};
-use palpate_learn::tracked::{Touch, Tracked};
+use palpate_learn::tracked::{TouchSamples, TrackedTouches};
 use serde::Serialize;
 
+use crate::contact_counts::low_and_high;
 use crate::error::WorkError;
 use crate::evaluate::{as_touches, fault};
 use crate::inspect::log::LIMIT_MARGIN;
 use crate::progress::Progress;
 use crate::recorded::RecordedTouch;
-use crate::touched::low_and_high;
 
 /// How motions are to be ranked.
 #[derive(Debug, Clone, Default)]
-pub struct Request {
+pub struct RankingRequest {
     /// Criterion by which motions are ranked.
     pub criterion: Criterion,
     /// Largest number of proposals.
@@ -34,7 +34,7 @@ pub struct Request {
 #[derive(Debug, Clone, Serialize)]
 pub struct Proposals {
     /// The motions, the best first.
-    pub proposals: Vec<Named>,
+    pub proposals: Vec<NamedProposal>,
     /// Motions that may exceed the torque limit.
     pub beyond_limit: Vec<BeyondLimit>,
     /// Motions in which a joint goes beyond its limits.
@@ -66,7 +66,7 @@ pub struct BeyondJointLimits {
 }
 
 impl BeyondJointLimits {
-    fn of(name: String, motion: &Touch, robot: &Robot) -> Option<Self> {
+    fn of(name: String, motion: &TouchSamples, robot: &Robot) -> Option<Self> {
         let positions =
             motion.samples.iter().flat_map(|sample| robot.joints().iter().zip(&sample.q));
         let beyond = positions.filter_map(|(joint, &position)| {
@@ -81,7 +81,7 @@ impl BeyondJointLimits {
 
 /// A proposed motion with its name.
 #[derive(Debug, Clone, Serialize)]
-pub struct Named {
+pub struct NamedProposal {
     /// Name of the motion.
     pub name: String,
     /// The log with the motion.
@@ -97,7 +97,7 @@ pub struct Named {
 fn check(
     arm: &Arm,
     field: &Field,
-    request: &Request,
+    request: &RankingRequest,
     progress: &dyn Progress,
 ) -> Result<(), WorkError> {
     if let Some(Err(what)) = field.calibration.as_ref().map(|own| own.check(arm.robot.n_joints())) {
@@ -129,9 +129,9 @@ fn check(
 /// If a motion cannot be used, or the progress stops it.
 pub fn next(
     arm: &Arc<Arm>,
-    saved: &Saved,
+    saved: &SavedField,
     (candidates, task): (&[RecordedTouch], &[RecordedTouch]),
-    request: &Request,
+    request: &RankingRequest,
     progress: &dyn Progress,
 ) -> Result<Proposals, WorkError> {
     let field = &saved.field;
@@ -141,11 +141,12 @@ pub fn next(
     config.touch.gravity = Gravity::Removed;
     config.touch.tare = Tare::None;
     let recorded = [candidates, task].concat();
-    let motions: Vec<Touch> = as_touches(&recorded, false)?.into_iter().map(planned).collect();
+    let motions: Vec<TouchSamples> =
+        as_touches(&recorded, false)?.into_iter().map(planned).collect();
     let stop = || progress.stopped();
     let _bar = progress.begin(None, "motions", "judging");
     let fault = |error| fault(&recorded, error, String::new());
-    let tracked = Tracked::new(arm, &config, &motions, &stop).map_err(fault)?;
+    let tracked = TrackedTouches::new(arm, &config, &motions, &stop).map_err(fault)?;
     let stds = (untouched_std_n_per_m(saved), torque_std_n_m(saved));
     let judge = NextTouch::new(&tracked, field, stds);
     let count = candidates.len();
@@ -176,7 +177,7 @@ pub fn next(
     let corners = request.box_m.map(low_and_high);
     let task = corners.map_or(Task::Motions(of_motions), Task::Box);
     let ranked = judge.rank((&able, request.count), &task, request.criterion, &stop);
-    let named = |proposal: Proposal| Named {
+    let named = |proposal: Proposal| NamedProposal {
         name: name(proposal.motion),
         log: recorded[proposal.motion].log.clone(),
         candidate: proposal.motion,
@@ -187,22 +188,22 @@ pub fn next(
 }
 
 /// A motion with zero torques.
-fn planned(touch: Touch) -> Touch {
+fn planned(touch: TouchSamples) -> TouchSamples {
     let still =
         |sample: Sample| Sample::new(sample.time_s, sample.q.clone(), vec![0.0; sample.q.len()]);
-    Touch { samples: touch.samples.into_iter().map(still).collect(), ..touch }
+    TouchSamples { samples: touch.samples.into_iter().map(still).collect(), ..touch }
 }
 
 /// Standard deviation of a measured torque, N·m: the largest torque noise of a joint with which the field was learnt;
 /// 0.2 if unknown.
-fn torque_std_n_m(saved: &Saved) -> f64 {
+fn torque_std_n_m(saved: &SavedField) -> f64 {
     let own = saved.snapshot.as_ref().map(|snapshot| &snapshot.config.estimator.torque_std);
     own.map_or(0.2, |own| own.iter().copied().fold(f64::MIN_POSITIVE, f64::max))
 }
 
 /// Standard deviation of untouched cells, N/m: from the calibration, else from the prior, else the largest one in the
 /// field.
-fn untouched_std_n_per_m(saved: &Saved) -> f64 {
+fn untouched_std_n_per_m(saved: &SavedField) -> f64 {
     let of_prior = saved.snapshot.as_ref().map(|snapshot| {
         let (config, spacing_m) = (&snapshot.config.estimator, snapshot.config.lattice.spacing_m());
         config.stiffness_scale * config.prior.at_spacing(spacing_m).1

@@ -8,7 +8,7 @@ use palpate::{Arm, ExternalTorqueConfig, Field, Predictor, Sample};
 use palpate_io::log::external_truth;
 use palpate_learn::bands::Band;
 use palpate_learn::calibrate::PredictedFrame;
-use palpate_learn::errors::ErrorSum;
+use palpate_learn::torque_errors::ErrorSum;
 
 use crate::error::WorkError;
 use crate::inspect::log::LogCheck;
@@ -19,14 +19,14 @@ use crate::touches::{TouchEvent, Touches};
 /// The torque with which predictions are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Against {
+pub enum ReferenceTorque {
     /// The measured external torque, with noise.
     Measured,
     /// The true external torque, which only simulated logs have.
     Truth,
 }
 
-impl Against {
+impl ReferenceTorque {
     /// The word for it in messages.
     pub fn word(self) -> &'static str {
         match self {
@@ -41,7 +41,7 @@ impl Against {
 /// # Errors
 ///
 /// If the log has none, or they cannot be read.
-pub fn truth(log: &Path, touch: &str) -> Result<Vec<Vec<f64>>, WorkError> {
+pub(crate) fn truth(log: &Path, touch: &str) -> Result<Vec<Vec<f64>>, WorkError> {
     external_truth(log, touch)?.ok_or_else(|| {
         WorkError::from(format!(
             "`{}` holds no truth of touch `{touch}`: there is no truth/{touch}_external.npy; \
@@ -83,10 +83,10 @@ pub struct TouchResult {
 }
 
 impl TouchResult {
-    fn begin(name: String, log: &Path, against: Against) -> Result<Self, WorkError> {
+    fn begin(name: String, log: &Path, against: ReferenceTorque) -> Result<Self, WorkError> {
         let truth = match against {
-            Against::Measured => None,
-            Against::Truth => Some(truth(log, &name)?),
+            ReferenceTorque::Measured => None,
+            ReferenceTorque::Truth => Some(truth(log, &name)?),
         };
         Ok(Self { name, log: log.to_owned(), frames_in_log: 0, frames: Vec::new(), truth })
     }
@@ -146,7 +146,7 @@ pub fn score(
     arm: &Arc<Arm>,
     field: &Field,
     touch: ExternalTorqueConfig,
-    against: Against,
+    against: ReferenceTorque,
     (touches, progress): (&mut Touches, &dyn Progress),
 ) -> Result<Vec<TouchResult>, WorkError> {
     let place = (field.lattice.clone(), field.contact.clone());
@@ -154,7 +154,7 @@ pub fn score(
     match score_all(arm, (field, touch, against), (&mut *touches, &mut check), progress) {
         Ok(results) => {
             touches.report_warnings(progress);
-            check.look(progress)?;
+            check.check(progress)?;
             Ok(results)
         }
         Err(error) => {
@@ -166,7 +166,7 @@ pub fn score(
 
 fn score_all(
     arm: &Arc<Arm>,
-    (field, touch, against): (&Field, ExternalTorqueConfig, Against),
+    (field, touch, against): (&Field, ExternalTorqueConfig, ReferenceTorque),
     (touches, check): (&mut Touches, &mut LogCheck),
     progress: &dyn Progress,
 ) -> Result<Vec<TouchResult>, WorkError> {

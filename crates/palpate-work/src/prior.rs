@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use palpate::{Arm, CellId, Lattice, Mapper, MapperConfig, MapperError};
-use palpate_io::field::{self, Saved, SavedError};
+use palpate_io::field::{self, SavedError, SavedField};
 
 use crate::error::WorkError;
 use crate::progress::Progress;
@@ -38,7 +38,7 @@ pub fn mapper(
 ///
 /// If a setting is out of its range, or the field has another lattice.
 pub fn mapper_from(
-    prior: Option<(&Saved, &str)>,
+    prior: Option<(&SavedField, &str)>,
     arm: &Arc<Arm>,
     config: MapperConfig,
     progress: &dyn Progress,
@@ -57,7 +57,7 @@ pub fn mapper_from(
 }
 
 /// The field in a file.
-fn load(path: &Path) -> Result<Saved, WorkError> {
+fn load(path: &Path) -> Result<SavedField, WorkError> {
     let name = path.display();
     field::load(path).map_err(|error| match error {
         SavedError::Foreign { missing, .. } => WorkError::from(format!(
@@ -73,12 +73,12 @@ fn load(path: &Path) -> Result<Saved, WorkError> {
 ///
 /// Notes the array that they come from, and warns if the field was learnt with another contact model.
 fn expected(
-    saved: &Saved,
+    saved: &SavedField,
     name: &str,
     config: &MapperConfig,
     progress: &dyn Progress,
 ) -> Result<Vec<(CellId, f64)>, WorkError> {
-    let Saved { field, prior_n_per_m, .. } = saved;
+    let SavedField { field, prior_n_per_m, .. } = saved;
     if !same_lattice(&field.lattice, &config.lattice) {
         return Err(WorkError::Usage(format!(
             "the prior `{name}` has a lattice of {}, the settings have {}, and a cell of one is \

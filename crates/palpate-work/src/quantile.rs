@@ -25,7 +25,7 @@ pub fn extremes(numbers: impl IntoIterator<Item = f64>) -> Option<[f64; 2]> {
 }
 
 /// Lowest and highest corner of the box around some points; `None` if there are none.
-pub fn bounds(points: &[[f64; 3]]) -> Option<[[f64; 3]; 2]> {
+pub(crate) fn bounds(points: &[[f64; 3]]) -> Option<[[f64; 3]; 2]> {
     let side = |axis: usize| extremes(points.iter().map(|point| point[axis]));
     let [x, y, z] = [side(0)?, side(1)?, side(2)?];
     Some([0, 1].map(|end| [x[end], y[end], z[end]]))

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use std::vec::IntoIter;
 
 use palpate::{MapperError, Robot, Sample};
-use palpate_io::log::{Format, Log, LogDescription, LogError, LogEvent, LogWarning, LoggedTorques};
+use palpate_io::log::{
+    Log, LogDescription, LogError, LogEvent, LogFormat, LogWarning, LoggedTorques,
+};
 
 use crate::error::WorkError;
 
@@ -36,11 +38,11 @@ impl RecordedTouch {
         WorkError::touch(&self.log, place, source)
     }
 
-    /// Removes whole turns from joint positions; see [`Robot::without_turns`].
-    pub(crate) fn without_turns(&mut self, robot: &Robot) {
+    /// Removes whole turns from joint positions; see [`Robot::unwrap_angles`].
+    pub(crate) fn unwrap_angles(&mut self, robot: &Robot) {
         let mut before: Option<&[f64]> = None;
         for sample in &mut self.samples {
-            robot.without_turns(before, &mut sample.q);
+            robot.unwrap_angles(before, &mut sample.q);
             before = Some(&sample.q);
         }
     }
@@ -86,11 +88,11 @@ impl Log for MemoryLog {
     fn describe(&self) -> LogDescription {
         LogDescription {
             path: PathBuf::new(),
-            format: Format::Memory,
+            format: LogFormat::Memory,
             touches: Some(self.touches),
             samples: Some(self.samples),
             joints: None,
-            torques: LoggedTorques::Unsaid,
+            torques: LoggedTorques::Unknown,
             columns: None,
         }
     }

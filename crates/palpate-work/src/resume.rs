@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use palpate::{Arm, ExternalTorqueConfig, Field, Mapper, MapperConfig, Snapshot};
-use palpate_io::field::{self, Saved};
+use palpate_io::field::{self, SavedField};
 
 use crate::error::WorkError;
 use crate::settings::{Settings, first_difference};
@@ -15,7 +15,11 @@ use crate::settings::{Settings, first_difference};
 /// # Errors
 ///
 /// If the field was saved without its memory or has an elastic body, or the settings contradict it.
-pub fn snapshot_of(saved: Saved, name: &str, settings: &Settings) -> Result<Snapshot, WorkError> {
+pub fn snapshot_of(
+    saved: SavedField,
+    name: &str,
+    settings: &Settings,
+) -> Result<Snapshot, WorkError> {
     if saved.field.elastic.is_some() {
         return Err(WorkError::from(format!(
             "`{name}` holds an elastic body; only `palpate map --from` and `palpate live --resume` can \
@@ -49,7 +53,7 @@ pub fn snapshot_of(saved: Saved, name: &str, settings: &Settings) -> Result<Snap
 /// # Errors
 ///
 /// If the file is no field, or the settings contradict it.
-pub fn config(path: &Path, settings: &Settings) -> Result<MapperConfig, WorkError> {
+pub(crate) fn config(path: &Path, settings: &Settings) -> Result<MapperConfig, WorkError> {
     let saved = field::load(path).map_err(WorkError::file)?;
     let mut config = match saved.snapshot {
         Some(snapshot) => snapshot.config,

@@ -29,10 +29,10 @@ pub fn load_with_report(settings: &RobotSettings) -> Result<LoadedArm, WorkError
     let renamed = settings.rename.iter().flatten();
     let renamed: Vec<(&str, &str)> =
         renamed.map(|Renamed { in_log, in_urdf }| (&**in_urdf, &**in_log)).collect();
-    loaded.arm.robot = (loaded.arm.robot.renaming(&renamed))
+    loaded.arm.robot = (loaded.arm.robot.with_renamed_joints(&renamed))
         .map_err(|error| WorkError::Usage(format!("--rename: {error}")))?;
     for Held { joint, position } in settings.hold.iter().flatten() {
-        let held = loaded.arm.robot.holding(joint, *position);
+        let held = loaded.arm.robot.with_fixed_joint(joint, *position);
         loaded.arm.robot =
             held.map_err(|error| WorkError::Usage(format!("--hold {joint}: {error}")))?;
     }

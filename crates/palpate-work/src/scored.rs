@@ -4,21 +4,21 @@ use std::path::PathBuf;
 
 use palpate::Field;
 use palpate_learn::bands::{Band, Coverage};
-use palpate_learn::errors::{ErrorSum, Errors};
+use palpate_learn::torque_errors::{ErrorSum, TorqueErrors};
 use serde::Serialize;
 
-use crate::predict::{Against, FrameResult, TouchResult};
+use crate::predict::{FrameResult, ReferenceTorque, TouchResult};
 use crate::progress::Progress;
 
 /// The figures of each touch and of all together; printed by `palpate predict --json`.
 #[derive(Debug, Clone, Serialize)]
-pub struct Report {
+pub struct PredictionReport {
     /// The figures of each touch.
-    pub touches: Vec<Row>,
+    pub touches: Vec<TouchErrors>,
     /// The figures of the frames of all touches together.
-    pub overall: Row,
+    pub overall: TouchErrors,
     /// The torques with which predictions were compared.
-    pub against: Against,
+    pub against: ReferenceTorque,
     /// How often the bands contained the measured torque; `None` if the field has no bands, or predictions were
     /// compared with the truth.
     pub bands: Option<Coverage>,
@@ -26,7 +26,7 @@ pub struct Report {
 
 /// Figures of one touch, or of all touches.
 #[derive(Debug, Clone, Serialize)]
-pub struct Row {
+pub struct TouchErrors {
     /// Name of the touch; `None` for all touches.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
@@ -47,14 +47,14 @@ pub struct Row {
     pub frames_on_known: u64,
     /// Errors of the field.
     #[serde(flatten)]
-    pub errors: Figures,
+    pub errors: ErrorFigures,
     /// Errors of predicting zero.
-    pub zero: Figures,
+    pub zero: ErrorFigures,
 }
 
 /// The four figures; null where there are none.
 #[derive(Debug, Clone, Copy, Serialize)]
-pub struct Figures {
+pub struct ErrorFigures {
     /// Mean error, N·m.
     pub avg_error: Option<f64>,
     /// Largest error, N·m.
@@ -65,8 +65,8 @@ pub struct Figures {
     pub max_relative: Option<f64>,
 }
 
-impl From<Option<Errors>> for Figures {
-    fn from(errors: Option<Errors>) -> Self {
+impl From<Option<TorqueErrors>> for ErrorFigures {
+    fn from(errors: Option<TorqueErrors>) -> Self {
         Self {
             avg_error: errors.map(|e| e.avg_error),
             max_error: errors.map(|e| e.max_error),
@@ -76,7 +76,7 @@ impl From<Option<Errors>> for Figures {
     }
 }
 
-impl Row {
+impl TouchErrors {
     fn of(touches: &[TouchResult], one: Option<&TouchResult>) -> Self {
         let count = |are: fn(&FrameResult) -> bool| touches.iter().map(|t| t.count(are)).sum();
         let frames_in_log: u64 = touches.iter().map(|touch| touch.frames_in_log).sum();
@@ -97,14 +97,14 @@ impl Row {
     }
 }
 
-impl Report {
+impl PredictionReport {
     /// The figures of all touches.
-    pub fn new(results: &[TouchResult], (field, against): (&Field, Against)) -> Self {
-        let touch = |touch| Row::of(std::slice::from_ref(touch), Some(touch));
+    pub fn new(results: &[TouchResult], (field, against): (&Field, ReferenceTorque)) -> Self {
+        let touch = |touch| TouchErrors::of(std::slice::from_ref(touch), Some(touch));
         let touches = results.iter().map(touch).collect();
-        let overall = Row::of(results, None);
+        let overall = TouchErrors::of(results, None);
         // Bands are for measured torques.
-        let results = if against == Against::Measured { results } else { &[] };
+        let results = if against == ReferenceTorque::Measured { results } else { &[] };
         let bands: Vec<Band> = results.iter().filter_map(|touch| touch.band(field)).collect();
         let bands = Coverage::of(&bands.iter().collect::<Vec<_>>());
         Self { touches, overall, against, bands }
@@ -125,7 +125,7 @@ pub fn report_oddities(results: &[TouchResult], field: &Field, progress: &dyn Pr
     }
     for touch in results {
         let sum = touch.errors();
-        let worse = |(field, zero): (Errors, Errors)| field.avg_error > zero.avg_error;
+        let worse = |(field, zero): (TorqueErrors, TorqueErrors)| field.avg_error > zero.avg_error;
         let odd = if touch.frames.is_empty() {
             " never leaves its contact-free start: nothing was scored"
         } else if touch.count(|frame| frame.contacts > 0) == 0 {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use palpate::{Arm, MapperConfig};
 use palpate_learn::study::{self, ObjectScores};
-use palpate_learn::tracked::Touch;
+use palpate_learn::tracked::TouchSamples;
 
 use crate::error::WorkError;
 use crate::evaluate::fault;
@@ -22,7 +22,7 @@ pub struct StudiedObject<'a> {
     /// The touches as read, for errors that name the log.
     pub recorded: &'a [RecordedTouch],
     /// The touches as they are predicted.
-    pub touches: &'a [Touch],
+    pub touches: &'a [TouchSamples],
 }
 
 impl StudiedObject<'_> {
@@ -64,7 +64,7 @@ impl StudiedObject<'_> {
 /// # Errors
 ///
 /// If there are fewer than two.
-pub fn at_least_two(name: &str, touches: &[Touch]) -> Result<(), WorkError> {
+pub fn at_least_two(name: &str, touches: &[TouchSamples]) -> Result<(), WorkError> {
     if touches.len() >= 2 {
         return Ok(());
     }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use nalgebra::{DMatrix, DVector, Vector6};
 use palpate::unstable::{LinkId, Poses};
-use palpate::{Alarm, Arm, ExternalTorque, Robot, TorqueModel, TrackerError};
+use palpate::{Arm, ExternalTorque, FalseAlarmModel, Robot, TorqueModel, TrackerError};
 use serde::Serialize;
 
 use crate::error::WorkError;
@@ -271,7 +271,7 @@ pub fn threshold(
     let timed = |touch: &TouchTorques| -> Vec<(f64, f64)> {
         touch.frames.iter().filter_map(|frame| Some((frame.time_s?, frame.statistic))).collect()
     };
-    let alarm = Alarm::of(&free.iter().map(timed).collect::<Vec<_>>()).ok_or_else(|| {
+    let alarm = FalseAlarmModel::of(&free.iter().map(timed).collect::<Vec<_>>()).ok_or_else(|| {
         WorkError::Usage(
             "the contact-free logs (--free) last less than 5 s by their clock: too short to determine how often \
              they pass a threshold"

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use palpate::unstable::Downsampling;
 use palpate::{Arm, Calibration, EstimatorKind, MapperConfig, Sample};
 use palpate_learn::calibrate::calibrate;
-use palpate_learn::tracked::{Touch, Tracked, largest_torques};
-use palpate_learn::tune::{Effort, Given, Search, Trial, Tuned, Tuner};
+use palpate_learn::tracked::{TouchSamples, TrackedTouches, largest_torques};
+use palpate_learn::tune::{FixedSettings, Search, SearchBudget, Trial, Tuned, Tuner};
 use serde_json::json;
 
 use crate::error::WorkError;
@@ -19,14 +19,14 @@ use crate::touches::{RecordedTouch, TouchEvent, Touches};
 const QUICK_TOUCHES: usize = 16;
 const QUICK_LEARNT: usize = 20_000;
 /// Most touches, and most samples, that are read to pick those touches from.
-const MOST_TOUCHES: usize = 200;
-const MOST_SAMPLES: usize = 500_000;
+const MAX_TOUCHES: usize = 200;
+const MAX_SAMPLES: usize = 500_000;
 /// Touches whose torque stays below this, N·m, are used only if there are too few others. Frames below it have no
 /// relative error.
 const WEAK_N_M: f64 = 1.0;
 
 /// Fewest touches from which settings can be chosen.
-pub const FEWEST: usize = 3;
+pub(crate) const MIN_TUNING_TOUCHES: usize = 3;
 
 /// How settings are chosen.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -56,7 +56,7 @@ impl Tune {
     }
 }
 
-/// Keys of the settings in [`Given`].
+/// Keys of the settings in [`FixedSettings`].
 pub(crate) const CHOSEN: [&str; 7] = [
     "contact_distance_m",
     "friction",
@@ -68,9 +68,9 @@ pub(crate) const CHOSEN: [&str; 7] = [
 ];
 
 /// Which settings a file or a flag gives; a quick search chooses the others.
-pub fn given(settings: &Settings) -> Given {
+pub fn given(settings: &Settings) -> FixedSettings {
     let (contact, estimator) = (&settings.contact, &settings.estimator);
-    Given {
+    FixedSettings {
         contact_distance: contact.contact_distance_m.is_some(),
         friction: contact.friction.is_some(),
         coulomb_friction: contact.coulomb_friction.is_some(),
@@ -89,7 +89,7 @@ pub struct Tuning<'a> {
     /// The touches as read, for errors that name the log.
     pub recorded: &'a [RecordedTouch],
     /// The touches as they are evaluated.
-    pub touches: &'a [Touch],
+    pub touches: &'a [TouchSamples],
     /// The initial settings, which are a candidate themselves.
     pub config: &'a MapperConfig,
 }
@@ -100,16 +100,16 @@ impl Tuning<'_> {
     /// # Errors
     ///
     /// If the estimator is not `map`, there are fewer than three touches, a sample cannot be used, or on being stopped.
-    pub fn quick(&self, given: Given, progress: &dyn Progress) -> Result<Tuned, WorkError> {
+    pub fn quick(&self, given: FixedSettings, progress: &dyn Progress) -> Result<Tuned, WorkError> {
         Ok(self.quickly(given, progress)?.1)
     }
 
     /// The touches, tracked under the initial settings, and the result of a quick search.
     fn quickly(
         &self,
-        given: Given,
+        given: FixedSettings,
         progress: &dyn Progress,
-    ) -> Result<(Tracked, Tuned), WorkError> {
+    ) -> Result<(TrackedTouches, Tuned), WorkError> {
         if self.config.method != EstimatorKind::Map {
             return Err(WorkError::Usage(format!(
                 "quick tuning is for the estimator `map`, not for `{}`; `palpate tune` without --quick is for both",
@@ -129,7 +129,7 @@ impl Tuning<'_> {
         candidates: Option<u32>,
         progress: &dyn Progress,
     ) -> Result<Tuned, WorkError> {
-        let mut effort = Effort::of(self.config.method);
+        let mut effort = SearchBudget::of(self.config.method);
         effort.candidates = candidates.map_or(effort.candidates, |n| n as usize);
         effort.seed = self.config.estimator.seed;
         Ok(self.searched(Search::thorough(self.config, effort), progress)?.1)
@@ -139,7 +139,7 @@ impl Tuning<'_> {
     /// settings.
     fn calibrated(
         &self,
-        tracked: &Tracked,
+        tracked: &TrackedTouches,
         config: &MapperConfig,
         progress: &dyn Progress,
     ) -> Result<Option<Calibration>, WorkError> {
@@ -151,7 +151,7 @@ impl Tuning<'_> {
             tracked
         } else {
             // Tracked anew: the tare depends on the contact model.
-            other = Tracked::new(self.arm, config, self.touches, &stop).map_err(fault)?;
+            other = TrackedTouches::new(self.arm, config, self.touches, &stop).map_err(fault)?;
             &other
         };
         let everything: Vec<usize> = (0..self.touches.len()).collect();
@@ -163,8 +163,8 @@ impl Tuning<'_> {
         &self,
         search: Search,
         progress: &dyn Progress,
-    ) -> Result<(Tracked, Tuned), WorkError> {
-        if self.touches.len() < FEWEST {
+    ) -> Result<(TrackedTouches, Tuned), WorkError> {
+        if self.touches.len() < MIN_TUNING_TOUCHES {
             return Err(WorkError::from(format!(
                 "tuning needs at least three touches to learn from some and predict others, and \
                  the logs hold {}",
@@ -175,7 +175,8 @@ impl Tuning<'_> {
         let fault = |error| fault(self.recorded, error, "; nothing was written".to_owned());
         let steps = Some(search.candidates() as u64);
         let bar = progress.begin(steps, "contact models", "simulating");
-        let tracked = Tracked::new(self.arm, self.config, self.touches, &stop).map_err(fault)?;
+        let tracked =
+            TrackedTouches::new(self.arm, self.config, self.touches, &stop).map_err(fault)?;
         let base = (self.arm, self.touches, &tracked);
         let tuner = Tuner::new(base, self.config, search, &stop, &|| bar.step()).map_err(fault)?;
         drop(bar);
@@ -200,7 +201,7 @@ impl Tuning<'_> {
 
 /// Chosen settings, and bands around predictions under them if there were enough touches.
 #[derive(Debug, Clone)]
-pub struct Chosen {
+pub struct TunedSettings {
     /// The settings.
     pub config: MapperConfig,
     /// The bands.
@@ -217,7 +218,7 @@ pub fn quickly_tuned(
     touches: Touches,
     (arm, settings, config): (&Arc<Arm>, &Settings, &MapperConfig),
     progress: &dyn Progress,
-) -> Result<Chosen, WorkError> {
+) -> Result<TunedSettings, WorkError> {
     config.estimator(arm.robot.n_joints()).map_err(SettingsError::value)?;
     let place = (config.lattice.clone(), config.contact.clone());
     let mut touches = touches.for_arm(arm, &settings.log, place.clone())?;
@@ -225,7 +226,7 @@ pub fn quickly_tuned(
     let tuned = first_of(&mut touches, &mut recorded).and_then(|all| {
         found = recorded.len();
         is_all = pick(&mut recorded, (arm, config), progress)? && all;
-        if recorded.len() < FEWEST {
+        if recorded.len() < MIN_TUNING_TOUCHES {
             return Ok(None);
         }
         let touches = as_touches(&recorded, false)?;
@@ -237,16 +238,16 @@ pub fn quickly_tuned(
     match tuned {
         Ok(Some((tuned, calibration))) => {
             progress.note(&summary(&tuned, (recorded.len(), found)));
-            Ok(Chosen { config: tuned.config, calibration })
+            Ok(TunedSettings { config: tuned.config, calibration })
         }
         Ok(None) => {
             let n = recorded.len();
             progress.note(&format!(
-                "the default settings are used, since choosing settings needs {FEWEST} touches in which the arm touches \
+                "the default settings are used, since choosing settings needs {MIN_TUNING_TOUCHES} touches in which the arm touches \
                  something, and there are {n}{}",
                 if is_all { "" } else { " in the samples that it looks at" }
             ));
-            Ok(Chosen { config: config.clone(), calibration: None })
+            Ok(TunedSettings { config: config.clone(), calibration: None })
         }
         Err(error) => {
             if !matches!(error, WorkError::Interrupted { .. }) {
@@ -257,15 +258,15 @@ pub fn quickly_tuned(
     }
 }
 
-/// Reads the first touches, up to [`MOST_TOUCHES`] and [`MOST_SAMPLES`]; true if these are all.
+/// Reads the first touches, up to [`MAX_TOUCHES`] and [`MAX_SAMPLES`]; true if these are all.
 fn first_of(touches: &mut Touches, recorded: &mut Vec<RecordedTouch>) -> Result<bool, WorkError> {
     let mut samples = 0;
     while let Some(event) = touches.advance()? {
         match event {
-            TouchEvent::Touch(name) if recorded.len() < MOST_TOUCHES => {
+            TouchEvent::Touch(name) if recorded.len() < MAX_TOUCHES => {
                 recorded.push(touches.begun(&name));
             }
-            TouchEvent::Sample(sample) if samples < MOST_SAMPLES => {
+            TouchEvent::Sample(sample) if samples < MAX_SAMPLES => {
                 samples += 1;
                 recorded.last_mut().expect("a touch was begun").samples.push(sample);
             }
@@ -287,7 +288,7 @@ fn pick(
     (arm, config): (&Arc<Arm>, &MapperConfig),
     progress: &dyn Progress,
 ) -> Result<bool, WorkError> {
-    if recorded.len() < FEWEST {
+    if recorded.len() < MIN_TUNING_TOUCHES {
         return Ok(true);
     }
     let samples: Vec<&[Sample]> = recorded.iter().map(|touch| &touch.samples[..]).collect();
@@ -315,7 +316,7 @@ fn pick(
 /// if these are fewer than [`FEWEST`].
 fn strongest_first(torques: &[f64]) -> Vec<usize> {
     let above = |least: f64| (0..torques.len()).filter(move |place| torques[*place] > least);
-    let least = if above(WEAK_N_M).count() < FEWEST { 0.0 } else { WEAK_N_M };
+    let least = if above(WEAK_N_M).count() < MIN_TUNING_TOUCHES { 0.0 } else { WEAK_N_M };
     let mut places: Vec<usize> = above(least).collect();
     places.sort_by(|a, b| torques[*b].total_cmp(&torques[*a]));
     places

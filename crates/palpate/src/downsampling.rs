@@ -3,7 +3,7 @@
 //! The residual of the model is many times the noise of the sensors, and nearly equal in consecutive samples: fifty
 //! samples within 50 ms carry hardly more information than one of them. The estimator, however, takes samples as
 //! independent. The same touch, logged at fifty times the rate, would count fifty times as much against the prior, fill
-//! the memory and take fifty times the computation. So samples within `LEAST_S` of the last learnt one are predicted,
+//! the memory and take fifty times the computation. So samples within `MIN_S` of the last learnt one are predicted,
 //! but not learnt from. Samples without times are selected by the mean displacement from sample to sample instead.
 
 use std::f64::consts::TAU;
@@ -12,11 +12,11 @@ use crate::tracker::Sample;
 
 /// Least time between learnt samples, s: a little below the period of the logs (20 Hz) for which the default settings
 /// were chosen. Of these logs all samples are learnt, of logs at 1 kHz one in 45.
-const LEAST_S: f64 = 0.045;
+const MIN_S: f64 = 0.045;
 
 /// Least displacement of the fastest joint between learnt samples without times, rad (m). In those logs it is 2 to 9
 /// mrad per sample.
-const LEAST_RAD: f64 = 2e-3;
+const MIN_RAD: f64 = 2e-3;
 /// Displacement from sample to sample, rad (m), below which the arm counts as at rest.
 const MOVING_RAD: f64 = 1e-5;
 
@@ -38,9 +38,9 @@ impl Downsampling {
     pub fn takes(&mut self, sample: &Sample) -> bool {
         self.follow(&sample.q);
         let is_close = match (sample.time_s, self.last_s) {
-            (Some(now), Some(last)) => (0.0..LEAST_S).contains(&(now - last)),
+            (Some(now), Some(last)) => (0.0..MIN_S).contains(&(now - last)),
             (Some(_), None) => false,
-            (None, _) => self.since > 0 && f64::from(self.since) * self.mean_step() < LEAST_RAD,
+            (None, _) => self.since > 0 && f64::from(self.since) * self.mean_step() < MIN_RAD,
         };
         if is_close {
             self.since += 1;

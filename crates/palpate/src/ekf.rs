@@ -79,7 +79,7 @@ impl Filter {
             self.seen[row] = self.belief.step;
         }
         let (cells, variance) = (&mut self.belief.cells, &self.belief.variance);
-        observation.spread(cells, d.as_slice(), |cell, row, value| {
+        observation.transpose_times(cells, d.as_slice(), |cell, row, value| {
             // Column i of H is the lever times sgn κᵢ; `0.0.signum()` is `1.0` in Rust.
             *cell.unknown_mut() += variance[row] * value * cell.unknown().signum();
         });

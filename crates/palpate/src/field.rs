@@ -18,7 +18,7 @@ use crate::lattice::{CellId, CellRows, Lattice};
 use crate::robot::{Poses, Robot};
 use crate::setting::SettingError;
 use crate::tare::Tare;
-use crate::torque::{Cell, Observation, ObservationBuilder, Stiffness};
+use crate::torque::{CellState, Observation, ObservationBuilder, Stiffness};
 use crate::tracker::{Sample, Tracker, TrackerError};
 
 /// The stiffness of all cells that were touched or have their own prior mean, by row.
@@ -137,7 +137,7 @@ pub struct Prediction {
 #[derive(Debug)]
 struct FieldSprings {
     observations: ObservationBuilder,
-    cells: Vec<Cell>,
+    cells: Vec<CellState>,
     /// Number of frames that touched each cell of the field.
     counts: Vec<u32>,
     untouched_n_per_m: f64,
@@ -160,7 +160,7 @@ impl FieldSprings {
                 model.spring_n_per_m(untouched_n_per_m, model.untouched_residual_n_per_m);
         }
         let points_and_k = rows.points_m().iter().zip(stiffness_n_per_m);
-        let cells = points_and_k.map(|(&point, k)| Cell::new(point, k)).collect();
+        let cells = points_and_k.map(|(&point, k)| CellState::new(point, k)).collect();
         let (observations, counts) = (ObservationBuilder::new(rows), field.counts.clone());
         // Bands are calibrated for springs alone, not for springs beside a body.
         let calibration = field.calibration.as_ref().filter(|_| field.elastic.is_none());
@@ -184,7 +184,7 @@ impl FieldSprings {
     ) -> Observation {
         let observation = self.observations.build(robot, poses, contacts, tau);
         let met = self.observations.rows().points_m()[self.cells.len()..].iter();
-        self.cells.extend(met.map(|&point| Cell::new(point, self.untouched_n_per_m)));
+        self.cells.extend(met.map(|&point| CellState::new(point, self.untouched_n_per_m)));
         observation
     }
 

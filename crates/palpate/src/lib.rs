@@ -54,7 +54,7 @@
 //! | place the field           | [`Lattice`] of cells ([`CellId`]); [`LatticeError`]                |
 //! | set the contact model     | [`ContactConfig`]                                                  |
 //! | set the convention of the logged torques | [`ExternalTorqueConfig`]: [`TorqueSign`], [`Gravity`], [`Tare`]  |
-//! | subtract the arm's own torque | [`TorqueModel`] of [`JointModel`]s with [`JointFriction`], [`Ripple`] and [`TorqueNoise`]: [`external_torques`] gives an [`ExternalTorque`] for each sample of a log, a [`TorqueStream`] for one sample after the other; a contact is detected where [`ExternalTorque::statistic`] exceeds the threshold of an [`Alarm`] |
+//! | subtract the arm's own torque | [`TorqueModel`] of [`JointModel`]s with [`JointFriction`], [`Ripple`] and [`TorqueNoise`]: [`external_torques`] gives an [`ExternalTorque`] for each sample of a log, a [`TorqueStream`] for one sample after the other; a contact is detected where [`ExternalTorque::statistic`] exceeds the threshold of a [`FalseAlarmModel`] |
 //! | choose the estimator      | [`EstimatorKind`] with an [`EstimatorConfig`]: [`Prior`], [`MemoryLimits`] |
 //! | learn from samples        | [`Mapper`] with a [`MapperConfig`] and a [`ReplayPolicy`]; [`Sample`] in, [`StepReport`] out, [`Snapshot`] to save and continue; [`MapperError`], [`TrackerError`], [`EstimatorError`], [`SettingError`] |
 //! | get prediction bands      | [`Calibration`] of a [`Field`], with [`BandQuantiles`]        |
@@ -112,8 +112,8 @@ pub use sdf::BakeConfig;
 pub use setting::SettingError;
 pub use tare::{MIN_TARE_FRAMES, Tare};
 pub use torque_model::{
-    Alarm, Causal, Differentiation, ExternalTorque, JointFriction, JointModel, Ripple, TorqueModel,
-    TorqueNoise, TorqueStream, external_torques,
+    Causal, Differentiation, ExternalTorque, FalseAlarmModel, JointFriction, JointModel, Ripple,
+    TorqueModel, TorqueNoise, TorqueStream, external_torques,
 };
 pub use tracker::{Sample, TrackerError};
 
@@ -125,11 +125,11 @@ pub mod unstable {
     pub use crate::downsampling::Downsampling;
     pub use crate::ekf::EkfEstimator;
     pub use crate::elastic::{
-        BLOCK_STIFFNESS_SHARES, BodyError, ElasticBody, ElasticContactConfig, ElasticModel,
-        ElasticTorque, ElasticVariant, Equilibrium, Segment, SegmentKind, Settled, limit_norm,
+        BLOCK_STIFFNESS_SHARES, Convergence, ElasticBody, ElasticBodyError, ElasticContactConfig,
+        ElasticModel, ElasticTorque, ElasticVariant, Equilibrium, Segment, SegmentKind, limit_norm,
     };
     pub use crate::estimator::{Estimator, EstimatorState, FrameId, RememberedFrame, Replayed};
-    pub use crate::lattice::{CellRows, FARTHEST_M};
+    pub use crate::lattice::{CellRows, MAX_COORDINATE_M};
     pub use crate::map::MapEstimator;
     pub use crate::mapper::{LoggedTouch, NO_STD};
     pub use crate::path_predictor::{CheckedPath, PathChecker};
@@ -137,17 +137,18 @@ pub mod unstable {
     pub use crate::prior_means::PriorMeansError;
     pub use crate::replay::RngState;
     pub use crate::robot::{
-        BODY_PARAMETERS, Collision, Joint, JointKind, Link, LinkId, Poses, Shape, nests_deeper_than,
+        Collision, Joint, JointKind, Link, LinkId, N_INERTIAL_PARAMETERS, Poses, Shape,
+        nests_deeper_than,
     };
     pub use crate::sdf::{
         BAKE_VERSION, BakeReport, DistanceGrid, SdfError, Solid, TriangleMesh, bake,
         signed_distance,
     };
     pub use crate::tare::is_contact_free;
-    pub use crate::torque::{Cell, Observation, ObservationBuilder, Stiffness, lever};
+    pub use crate::torque::{CellState, Observation, ObservationBuilder, Stiffness, lever};
     pub use crate::torque_model::{
-        Explained, Fit, FrictionState, LocalPolynomial, Motion, NoiseFactors, RIPPLE_COEFFICIENTS,
-        TouchMotion, Window, explain, with_read_times,
+        FrictionState, JointMotion, LocalPolynomial, ModelResidual, NoiseFactors, PolynomialFit,
+        RIPPLE_COEFFICIENTS, TouchMotion, Window, model_residuals, with_read_times,
     };
     pub use crate::tracker::{TrackedSample, Tracker, torque_weights};
 }

@@ -31,7 +31,7 @@ pub enum Tare {
 pub const MIN_TARE_FRAMES: u32 = 5;
 
 /// Largest torque of an identified arm without contact, in standard deviations.
-const MOST_STDS: f64 = 4.0;
+const MAX_STDS: f64 = 4.0;
 
 /// Whether a frame belongs to the contact-free start of a touch, given that all frames before it do: the arm still
 /// stands where the touch began, or touches no point of the lattice.
@@ -49,7 +49,7 @@ pub fn is_contact_free(
 /// Whether the torques of an identified arm are no larger than the residual of its model: the load of an arm that
 /// stands still must not become the tare.
 fn is_explained(untared: &DVector<f64>, std: &[f64]) -> bool {
-    untared.iter().zip(std).all(|(torque, std)| torque.abs() <= MOST_STDS * std)
+    untared.iter().zip(std).all(|(torque, std)| torque.abs() <= MAX_STDS * std)
 }
 
 /// The tare of one touch, while it is computed and after.

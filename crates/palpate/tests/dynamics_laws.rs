@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
 use nalgebra::{DVector, Vector3};
-use palpate::unstable::{BODY_PARAMETERS, LinkId};
+use palpate::unstable::{LinkId, N_INERTIAL_PARAMETERS};
 use palpate::{Payload, Robot};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -89,7 +89,7 @@ fn parameters_of_bodies_say_all_that_the_links_do() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     for (name, robot) in robots() {
         let n = robot.n_joints();
-        assert_eq!(robot.inertial_parameters().len(), BODY_PARAMETERS * robot.bodies().len());
+        assert_eq!(robot.inertial_parameters().len(), N_INERTIAL_PARAMETERS * robot.bodies().len());
         let merged = robot.clone().with_inertial_parameters(&robot.inertial_parameters());
         let (q, speed, acceleration) =
             (random(&mut rng, n, 1.5), random(&mut rng, n, 2.0), random(&mut rng, n, 5.0));
@@ -110,7 +110,8 @@ fn a_payload_is_a_point_mass_of_its_body() {
     let carrying = robot.clone().with_payload(&Payload::new(link, 1.5, com.into())).unwrap();
     let added = carrying.inertial_parameters() - robot.inertial_parameters();
     let inertia = 1.5 * com.norm_squared() - 1.5 * com.x * com.x;
-    let own = added.rows(BODY_PARAMETERS * robot.body_of(last).unwrap(), BODY_PARAMETERS);
+    let own =
+        added.rows(N_INERTIAL_PARAMETERS * robot.body_of(last).unwrap(), N_INERTIAL_PARAMETERS);
     assert!((own[0] - 1.5).abs() < 1e-12 && (own[3] - 0.15).abs() < 1e-12);
     assert!((own[4] - inertia).abs() < 1e-12 && (own[5] - 1.5 * 0.03 * 0.02).abs() < 1e-12);
 }

@@ -5,7 +5,7 @@ mod scene;
 
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::{
-    Cell, CellRows, Estimator, FrameId, MapEstimator, Observation, RememberedFrame,
+    CellRows, CellState, Estimator, FrameId, MapEstimator, Observation, RememberedFrame,
 };
 use palpate::{EstimatorConfig, EstimatorError, EstimatorKind};
 use proptest::prelude::*;
@@ -189,11 +189,11 @@ fn rounding_does_not_accumulate_over_a_million_replays() {
     let state = map.state(rows.len());
     let mut afresh = cells_with(&rows, |_| 0.0);
     for RememberedFrame { id, alpha, .. } in &state.remembered {
-        frames[id.sample as usize].spread(&mut afresh, alpha, |cell, _, value| {
+        frames[id.sample as usize].transpose_times(&mut afresh, alpha, |cell, _, value| {
             *cell.unknown_mut() += 40.0 * 40.0 * value;
         });
     }
-    let afresh = DVector::from_iterator(rows.len(), afresh.iter().map(Cell::unknown));
+    let afresh = DVector::from_iterator(rows.len(), afresh.iter().map(CellState::unknown));
     let drift = (DVector::from_column_slice(&state.mean) - afresh).amax();
     assert!(drift < 1e-8, "{drift} N/m");
 }

@@ -19,7 +19,7 @@ fn a_held_joint_leaves_poses_jacobians_and_gravity_as_they_are_there() {
     let whole = Robot::from_urdf(URDF).unwrap();
     for (held, position) in [(0, 0.3), (1, 0.2), (2, 0.05)] {
         let name = whole.joint_names().nth(held).unwrap().to_owned();
-        let less = whole.clone().holding(&name, position).unwrap();
+        let less = whole.clone().with_fixed_joint(&name, position).unwrap();
         assert_eq!(less.n_joints(), 2);
         let mut q = vec![0.4, 0.1, 0.03];
         q[held] = position;
@@ -53,10 +53,11 @@ fn a_held_joint_leaves_poses_jacobians_and_gravity_as_they_are_there() {
 fn what_cannot_stand_still_is_refused() {
     let whole = Robot::from_urdf(URDF).unwrap();
     let refused = |robot: Robot, joint: &str, position| {
-        robot.holding(joint, position).unwrap_err().to_string()
+        robot.with_fixed_joint(joint, position).unwrap_err().to_string()
     };
     assert!(refused(whole.clone(), "mimic", 0.0).contains("`mimic`"));
     assert!(refused(whole.clone(), "finger", f64::NAN).contains("`finger`"));
-    let last = whole.holding("finger", 0.0).unwrap().holding("slide", 0.0).unwrap();
+    let last =
+        whole.with_fixed_joint("finger", 0.0).unwrap().with_fixed_joint("slide", 0.0).unwrap();
     assert!(refused(last, "turn", 0.0).contains("`turn`"));
 }

@@ -58,7 +58,7 @@ fn folded_products_are_those_of_the_lever_matrix() {
     assert_eq!(contact, n);
     let d = DVector::from_fn(4, |i, _| 1.0 - 0.7 * i as f64);
     let mut contact = 0;
-    frame.spread(&mut cells, d.as_slice(), |cell, row, value| {
+    frame.transpose_times(&mut cells, d.as_slice(), |cell, row, value| {
         assert_eq!((Some(row), cell.unknown()), (frame.rows().nth(contact), k(row)));
         assert!((value - h.column(contact).dot(&d)).abs() < 1e-12);
         contact += 1;

@@ -11,7 +11,7 @@ use palpate_io::field::npz::{read_npz, write_npz};
 use palpate_io::field::{self, FieldFile, obstacles, write_vti};
 use palpate_io::gltf::{self, Mesh};
 use palpate_io::log::bag_write::{Compression, write_field};
-use palpate_view::view_model::{Cells, LinkShape, Scale};
+use palpate_view::view_model::{DrawnCells, LinkShape, Scale};
 use palpate_work::held_joints::of_field;
 use palpate_work::robot;
 
@@ -25,7 +25,7 @@ use crate::settings::Settings;
 const FRAME: &str = "base_link";
 
 /// Largest number of points on springs in a MuJoCo model, which MuJoCo still simulates in real time.
-const MOST_SPRINGS: usize = 1_000;
+const MAX_SPRINGS: usize = 1_000;
 
 /// A conversion of a field to another format.
 pub(super) struct Conversion<'a> {
@@ -73,7 +73,7 @@ impl Conversion<'_> {
                 place::write(path, &obstacles::urdf(&boxes))
             }
             "xml" => {
-                let springs = obstacles::springs(&field, MOST_SPRINGS).map_err(refused)?;
+                let springs = obstacles::springs(&field, MAX_SPRINGS).map_err(refused)?;
                 let (count, side_mm) = (springs.points.len(), 2e3 * springs.radius_m);
                 what = format!("{count} points on springs, of cells in blocks of {side_mm:.0} mm,");
                 place::write(path, &obstacles::mujoco_xml(&springs))
@@ -157,7 +157,7 @@ fn link(hull: &LinkShape, world_from_link: &Isometry3<f64>) -> Mesh {
 }
 
 /// An octahedron for each cell; its faces share no vertices, so that each face has its own normal.
-fn octahedra(cells: &Cells) -> Mesh {
+fn octahedra(cells: &DrawnCells) -> Mesh {
     let mut mesh = Mesh {
         name: "field".to_owned(),
         vertices_m: vec![],

@@ -69,7 +69,7 @@ pub(super) fn convert(
     let (is_arrays, is_of_robot) =
         (matches!(format, Format::Arrays), settings.robot.robot.is_some());
     if is_arrays && is_of_robot {
-        touches.in_order_of(&*robot::load(&settings.robot, output)?);
+        touches.reorder_to(&*robot::load(&settings.robot, output)?);
     }
     let Some(TouchEvent::Touch(first)) = touches.advance()? else {
         return Err(CliError::from(format!("`{}` holds no touch", input.display())));

@@ -9,18 +9,18 @@ use clap::builder::RangedU64ValueParser;
 use palpate::unstable::ElasticBody;
 use palpate::{Arm, EstimatorKind, Mapper};
 use palpate_io::cloud::{self, Cloud};
-use palpate_io::field::{self, Saved};
+use palpate_io::field::{self, SavedField};
 use palpate_io::log::LogOptions;
 use palpate_learn::body::ObjectHints;
 use palpate_learn::folds::folds;
 use palpate_learn::method::Method;
 use palpate_work::elastic::{bodies, learn_body, replace_elastic_by_map};
-use palpate_work::evaluate::{Work, as_touches, configs, each_once};
-use palpate_work::extrapolate::{Chosen, Work as Extrapolating};
+use palpate_work::evaluate::{EvaluationJob, as_touches, configs, each_once};
+use palpate_work::extrapolate::{ExtrapolationJob as Extrapolating, ExtrapolationSettings};
 use palpate_work::learn::learn;
-use palpate_work::predict::{Against, TouchResult, score};
+use palpate_work::predict::{ReferenceTorque, TouchResult, score};
 use palpate_work::robot;
-use palpate_work::scored::{Report, report_oddities};
+use palpate_work::scored::{PredictionReport, report_oddities};
 use palpate_work::touches::{RecordedTouch, Touches};
 use palpate_work::tune::{Tune, given, quickly_tuned};
 use serde::Serialize;
@@ -103,10 +103,10 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     let saved = learn_body(&mapper, &picture.bodies, samples, output)?;
     let (held_out, touch) = (&mut open(&[held_out])?, saved.field.touch.clone());
-    let results = score(&arm, &saved.field, touch, Against::Measured, (held_out, output))?;
+    let results = score(&arm, &saved.field, touch, ReferenceTorque::Measured, (held_out, output))?;
     fill(&folder.path, &saved, &results)?;
     report_oddities(&results, &saved.field, output);
-    let report = Report::new(&results, (&saved.field, Against::Measured));
+    let report = PredictionReport::new(&results, (&saved.field, ReferenceTorque::Measured));
     if !args.json {
         output.result(&first_errors(&report, tally.touches.len()))?;
     }
@@ -156,7 +156,7 @@ impl Picture {
 /// Extrapolates the field to the bundled cloud; writes Fig. 4 and its page.
 fn extrapolate_all(
     arm: &Arc<Arm>,
-    saved: &Saved,
+    saved: &SavedField,
     (object, folder): (&Path, &Path),
     output: &Output,
 ) -> Result<(), CliError> {
@@ -167,7 +167,7 @@ fn extrapolate_all(
         saved,
         names,
         cloud: &cloud,
-        given: Chosen::default(),
+        given: ExtrapolationSettings::default(),
         halves: Some(HALVES),
         drawn: true,
         fills: false,
@@ -184,7 +184,7 @@ fn extrapolate_all(
 #[derive(Serialize)]
 struct Findings<'a> {
     #[serde(flatten)]
-    report: &'a Report,
+    report: &'a PredictionReport,
     simulated: bool,
     learnt_from: Vec<&'a str>,
     held_out: Vec<&'a str>,
@@ -194,7 +194,7 @@ struct Findings<'a> {
 }
 
 /// The errors on the touch that was held out, as text.
-fn first_errors(report: &Report, learnt_from: usize) -> String {
+fn first_errors(report: &PredictionReport, learnt_from: usize) -> String {
     let predicted = predict::text(report);
     format!(
         "{ORIGIN}\nLearnt from {learnt_from} touches, then predicted one held out.\n{predicted}"
@@ -222,7 +222,7 @@ impl Args {
             methods.insert(0, Method::Elastic);
         }
         let folds = folds(touches.len(), if self.full { touches.len() } else { GROUPS });
-        let work = Work {
+        let work = EvaluationJob {
             arm,
             recorded,
             touches: &touches,
@@ -278,8 +278,11 @@ impl Args {
 }
 
 /// Writes the field and the pictures.
-fn fill(folder: &Path, saved: &Saved, results: &[TouchResult]) -> Result<(), CliError> {
-    place::write(&folder.join("torques.svg"), &picture::torques(results, Against::Measured)?)?;
+fn fill(folder: &Path, saved: &SavedField, results: &[TouchResult]) -> Result<(), CliError> {
+    place::write(
+        &folder.join("torques.svg"),
+        &picture::torques(results, ReferenceTorque::Measured)?,
+    )?;
     place::write(&folder.join("field.svg"), &picture::field(&saved.field)?)?;
     field::save(&folder.join("field.npz"), saved).map_err(CliError::file)
 }

@@ -13,10 +13,10 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use palpate_io::input;
-use palpate_learn::evaluate::Part;
+use palpate_learn::evaluate::FoldPrediction;
 use palpate_learn::tune::Tuned;
 use palpate_work::Progress;
-use palpate_work::evaluate::{Keep, Work};
+use palpate_work::evaluate::{EvaluationJob, ResultStore};
 
 use crate::error::CliError;
 use crate::output::Output;
@@ -54,7 +54,11 @@ fn seal(key: &str, piece: &str) -> String {
 
 impl Kept {
     /// Opens the pieces in a folder of results, and makes their folder.
-    pub(super) fn open(results: &Path, work: &Work<'_>, output: Output) -> Result<Self, CliError> {
+    pub(super) fn open(
+        results: &Path,
+        work: &EvaluationJob<'_>,
+        output: Output,
+    ) -> Result<Self, CliError> {
         let folder = results.join("parts");
         let what = format!("the folder `{}`", folder.display());
         std::fs::create_dir_all(&folder).map_err(|source| CliError::Write { what, source })?;
@@ -119,8 +123,8 @@ impl Kept {
     }
 }
 
-impl Keep for Kept {
-    fn parts(&self) -> Vec<Part> {
+impl ResultStore for Kept {
+    fn parts(&self) -> Vec<FoldPrediction> {
         self.read("part-")
     }
 
@@ -128,7 +132,7 @@ impl Keep for Kept {
         self.one(name)
     }
 
-    fn keep_part(&self, part: &Part) {
+    fn keep_part(&self, part: &FoldPrediction) {
         self.keep(&format!("part-{}-{}", part.method.name(), part.fold), part);
     }
 
@@ -151,7 +155,7 @@ impl Drop for Kept {
 }
 
 /// A hash of everything that a piece depends on.
-fn key(work: &Work<'_>) -> String {
+fn key(work: &EvaluationJob<'_>) -> String {
     let names: Vec<&str> = work.touches.iter().map(|touch| touch.name.as_str()).collect();
     let (program, arm) = (program(), work.arm.fingerprint());
     let tune = (work.tune, work.given);

@@ -16,7 +16,7 @@ use palpate_io::log::is_simulated;
 use palpate_learn::method::Method;
 use palpate_work::elastic::replace_elastic_by_map;
 use palpate_work::evaluate::{
-    Evaluated, Work, as_touches, configs, each_once, folds, make_unique, method_of,
+    Evaluated, EvaluationJob, as_touches, configs, each_once, folds, make_unique, method_of,
 };
 use palpate_work::tune::{Tune, given};
 
@@ -130,7 +130,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let recorded = touches.read_to_learn(&arm, &settings, None, output)?;
     let touches = as_touches(&recorded, args.truth)?;
     let folds = folds(&touches, args.folds, &args.test)?;
-    let work = Work {
+    let work = EvaluationJob {
         arm: &arm,
         recorded: &recorded,
         touches: &touches,
@@ -174,7 +174,7 @@ pub(crate) struct Origin {
 /// Evaluates, and writes the report and its figures into a folder. Returns the summary, and separately
 /// whether the report could be written, so that the results of hours of work are printed in any case.
 pub(crate) fn into_folder(
-    work: &Work<'_>,
+    work: &EvaluationJob<'_>,
     folder: &Path,
     origin: &Origin,
     output: &Output,

@@ -4,10 +4,10 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use palpate_learn::evaluation::{
-    Evaluation, LeftOut, MeanStd, PAPER_BASELINES, PAPER_FIELD, Summary,
+    Evaluation, HeldOutTouch, MeanStd, MethodSummary, PAPER_BASELINES, PAPER_FIELD,
 };
-use palpate_work::scored::Figures;
-use palpate_work::touched::Touched;
+use palpate_work::contact_counts::ContactCounts;
+use palpate_work::scored::ErrorFigures;
 use serde_json::json;
 
 use crate::output::{Output, table};
@@ -25,9 +25,9 @@ pub(crate) struct EvaluationSummary {
 impl EvaluationSummary {
     /// What `--json` prints: the table, and the errors of every touch.
     pub(crate) fn json(&self) -> serde_json::Value {
-        let touch = |touch: &LeftOut| {
+        let touch = |touch: &HeldOutTouch| {
             let methods = touch.predictions.iter().map(|prediction| {
-                let mut method = json!(Figures::from(prediction.errors));
+                let mut method = json!(ErrorFigures::from(prediction.errors));
                 method["name"] = json!(prediction.method);
                 method
             });
@@ -147,7 +147,7 @@ impl EvaluationSummary {
                      average: {}",
                     map.avg_error,
                     zero.avg_error,
-                    touch.what_went_wrong("map").unwrap_or_default()
+                    touch.failure_reason("map").unwrap_or_default()
                 ));
             }
         }
@@ -155,11 +155,11 @@ impl EvaluationSummary {
 }
 
 /// How many points a touch displaces in each of its scored frames.
-fn touched(touch: &LeftOut) -> Touched {
+fn touched(touch: &HeldOutTouch) -> ContactCounts {
     touch.contacts.iter().map(|&points| points as usize).collect()
 }
 
-fn row(method: &Summary) -> Vec<String> {
+fn row(method: &MethodSummary) -> Vec<String> {
     let shown = |figure: Option<MeanStd>, digits: usize| match figure {
         Some(MeanStd { mean, std }) => format!("{mean:.digits$} ± {std:.digits$}"),
         None => "-".to_owned(),

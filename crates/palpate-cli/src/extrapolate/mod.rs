@@ -1,7 +1,7 @@
 //! `palpate extrapolate`: the stiffness of cells that a camera saw and no touch reached
 //! (Sec. III-B).
 //!
-//! [`run`] is the command; [`CloudArgs`] reads the camera's points, [`Work`] extrapolates, and
+//! [`run`] is the command; [`CloudArgs`] reads the camera's points, [`ExtrapolationJob`] extrapolates, and
 //! [`summary`] is what it prints and draws.
 
 mod summary;
@@ -12,8 +12,12 @@ use std::time::Instant;
 use palpate_io::cloud::{self as clouds, Cloud, Column};
 use palpate_io::field;
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
-use palpate_learn::extrapolate::{Config, Extrapolation, Features, Method};
-use palpate_work::extrapolate::{Chosen, Work, filled, method_of, remembers};
+use palpate_learn::extrapolate::{
+    Extrapolation, ExtrapolationConfig, ExtrapolationMethod, Features,
+};
+use palpate_work::extrapolate::{
+    ExtrapolationJob, ExtrapolationSettings, filled, method_of, remembers,
+};
 use palpate_work::{held_joints, robot};
 
 use crate::args::number_in;
@@ -80,7 +84,7 @@ pub(crate) struct Args {
     /// How stiffness is extrapolated: torque, cells or knn [default: if the field has its memory, torque or cells,
     /// by random halves of its touches; else knn]
     #[arg(long, value_name = "NAME", value_parser = method_of)]
-    method: Option<Method>,
+    method: Option<ExtrapolationMethod>,
     /// Features by which points are compared [default: chroma; rgb for knn]
     #[arg(long, value_name = "NAMES")]
     features: Option<Features>,
@@ -89,7 +93,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "CELLS")]
     reach_cells: Option<f64>,
     /// Length scale of the features, in their standard deviations: points much farther apart are independent
-    #[arg(long, value_name = "STD", default_value_t = Config::default().length_scale)]
+    #[arg(long, value_name = "STD", default_value_t = ExtrapolationConfig::default().length_scale)]
     length_scale: f64,
     /// Compare methods and features on random halves of the remembered touches
     #[arg(long)]
@@ -145,7 +149,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let given = args.given();
     let fills = args.field.is_some();
     let (arm, saved, cloud) = (&arm, &saved, &cloud);
-    let work = Work { arm, saved, names, cloud, given, halves, drawn, fills, kept };
+    let work = ExtrapolationJob { arm, saved, names, cloud, given, halves, drawn, fills, kept };
     if args.compare && !remembers(saved) {
         return Err(CliError::from(format!(
             "`{}` remembers no touch to compare on; map its logs again without --no-memory",
@@ -216,8 +220,8 @@ impl Args {
         places.output("the report (--report)", self.report.as_deref())
     }
 
-    fn given(&self) -> Chosen {
-        Chosen {
+    fn given(&self) -> ExtrapolationSettings {
+        ExtrapolationSettings {
             method: self.method,
             features: self.features,
             reach_cells: self.reach_cells,

@@ -7,9 +7,9 @@ use std::time::Duration;
 
 use askama::Template;
 use palpate_io::cloud::PointTruth;
-use palpate_learn::extrapolate::compare::Row;
+use palpate_learn::extrapolate::compare::VariantErrors;
 use palpate_learn::extrapolate::{area_under_roc, spearman};
-use palpate_work::extrapolate::{Found, HeldOut, Work};
+use palpate_work::extrapolate::{ExtrapolationJob, ExtrapolationResult, HeldOutErrors};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -23,8 +23,8 @@ use palpate_work::quantile::quantile;
 
 /// An extrapolation, and what it is compared with.
 pub(crate) struct ExtrapolationSummary<'a> {
-    pub(crate) work: &'a Work<'a>,
-    pub(crate) found: &'a Found,
+    pub(crate) work: &'a ExtrapolationJob<'a>,
+    pub(crate) found: &'a ExtrapolationResult,
     pub(crate) truth: Option<&'a PointTruth>,
     /// Whether the touches come from a simulator; the page then says so.
     pub(crate) simulated: bool,
@@ -58,7 +58,7 @@ impl ExtrapolationSummary<'_> {
         let method = format!("{} on {}", config.method.name(), config.features);
         let frames = |(touches, frames)| format!("{touches} touches, {frames} frames in contact");
         let remembered = self.found.remembered.map(|counts| ("remembered", frames(counts)));
-        let errors = |HeldOut { with, without, relative }| {
+        let errors = |HeldOutErrors { with, without, relative }| {
             let unit = if relative { "of zero's error" } else { "N·m" };
             format!("{with:.3} {unit} with it, {without:.3} without (random halves)")
         };
@@ -101,7 +101,7 @@ impl ExtrapolationSummary<'_> {
 
     pub(super) fn json(&self, (cloud, field): Files<'_>, elapsed: Duration) -> Value {
         let [soft, median, stiff] = self.quantiles();
-        let row = |row: &Row| {
+        let row = |row: &VariantErrors| {
             let (relative, error) = row.means();
             json!({
                 "name": row.name,
@@ -120,7 +120,7 @@ impl ExtrapolationSummary<'_> {
             "cells_expected": self.expected(),
             "touches": self.found.remembered.map(|(touches, _)| touches),
             "frames": self.found.remembered.map(|(_, frames)| frames),
-            "held_out": self.found.held_out.map(|HeldOut { with, without, relative }| {
+            "held_out": self.found.held_out.map(|HeldOutErrors { with, without, relative }| {
                 json!({"with": with, "without": without, "relative": relative})
             }),
             "stiffness": {"q10": soft, "median": median, "q90": stiff},
@@ -237,8 +237,8 @@ impl ExtrapolationSummary<'_> {
 }
 
 /// The table of a comparison.
-fn compared(rows: &[Row]) -> Table {
-    let row = |row: &Row| {
+fn compared(rows: &[VariantErrors]) -> Table {
+    let row = |row: &VariantErrors| {
         let (relative, error) = row.means();
         let by_half: Vec<String> = row.avg_relative.iter().map(|r| format!("{r:.2}")).collect();
         vec![row.name.clone(), figure(relative, 3), format!("{error:.3}"), by_half.join(" ")]

@@ -1,9 +1,9 @@
 //! The facts of a field, as text.
 
+use palpate_work::contact_counts::point;
 use palpate_work::forget::listed;
 use palpate_work::inspect::field::{FieldFacts, LatticeFacts, OwnFacts};
 use palpate_work::inspect::{counted, number, word};
-use palpate_work::touched::point;
 use serde::Serialize;
 use serde_json::Value;
 

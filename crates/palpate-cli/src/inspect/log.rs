@@ -1,9 +1,9 @@
 //! The facts of a log, as text.
 
-use palpate_io::log::{AngleUnit, CsvColumns, Format};
-use palpate_work::inspect::log::{LogFacts, Matching, Reading, TouchFacts};
+use palpate_io::log::{AngleUnit, CsvColumns, LogFormat};
+use palpate_work::contact_counts::TouchedFigures;
+use palpate_work::inspect::log::{LogFacts, LogInterpretation, Matching, TouchFacts};
 use palpate_work::inspect::{counted, number, word};
-use palpate_work::touched::TouchedFigures;
 
 use super::field::lattice;
 use super::page::{fact, table};
@@ -13,11 +13,11 @@ use palpate_work::quantile::extremes;
 /// The facts of a log.
 pub(super) fn text(log: &LogFacts) -> String {
     let format = match log.format {
-        Format::NpyFolder => "npy folders",
-        Format::Csv => "CSV",
-        Format::Parquet => "Parquet",
-        Format::Mcap => "bag of ROS 2, MCAP",
-        Format::Rosbag2Sqlite => "bag of ROS 2, SQLite",
+        LogFormat::NpyFolder => "npy folders",
+        LogFormat::Csv => "CSV",
+        LogFormat::Parquet => "Parquet",
+        LogFormat::Mcap => "bag of ROS 2, MCAP",
+        LogFormat::Rosbag2Sqlite => "bag of ROS 2, SQLite",
         _ => "another",
     };
     let mut text = fact("format", format);
@@ -132,7 +132,7 @@ fn touched_text(touched: &TouchedFigures) -> String {
     )
 }
 
-fn reading_text(reading: &Reading) -> String {
+fn reading_text(reading: &LogInterpretation) -> String {
     let fits = &reading.fits;
     let fit = fits.accepted();
     let unit = match reading.angle_unit {

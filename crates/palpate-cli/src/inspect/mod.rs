@@ -15,7 +15,7 @@ mod robot;
 
 use std::path::PathBuf;
 
-use palpate_work::inspect::{Finding, Holds, Inspection, Inspector, Level, counted, word};
+use palpate_work::inspect::{FileKind, Finding, Inspection, Inspector, Level, counted, word};
 use serde_json::json;
 
 use crate::error::CliError;
@@ -86,9 +86,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 fn text_of(inspection: &Inspection) -> String {
     let mut text = format!("{} `{}`\n", word(inspection.kind), inspection.path.display());
     text += &match &inspection.holds {
-        Some(Holds::Log(facts)) => log::text(facts),
-        Some(Holds::Robot(facts)) => robot::text(facts),
-        Some(Holds::Field(facts)) => field::text(facts),
+        Some(FileKind::Log(facts)) => log::text(facts),
+        Some(FileKind::Robot(facts)) => robot::text(facts),
+        Some(FileKind::Field(facts)) => field::text(facts),
         None => String::new(),
     };
     text.push('\n');

@@ -8,9 +8,9 @@ use std::time::{Duration, Instant};
 
 use palpate::{Mapper, Sample};
 use palpate_io::log::AngleUnit;
-use palpate_live::Mapped;
-use palpate_live::inbox::Inbox;
-use palpate_live::session::State;
+use palpate_live::MappedSample;
+use palpate_live::inbox::LatestQueue;
+use palpate_live::session::SessionState;
 use palpate_work::inspect::log::LogCheck;
 
 use crate::output::Output;
@@ -35,7 +35,7 @@ pub(super) struct Checker {
 }
 
 struct Shared {
-    mapped: Arc<Inbox<Mapped>>,
+    mapped: Arc<LatestQueue<MappedSample>>,
     warnings: Mutex<Vec<String>>,
     ends: AtomicBool,
 }
@@ -46,7 +46,7 @@ impl Checker {
         let (place, set) = ((config.lattice.clone(), config.contact.clone()), &config.touch);
         // Joint states of ROS are in radians.
         let check = LogCheck::new(mapper.arm(), place, set, (AngleUnit::Rad, false));
-        let mapped = Arc::new(Inbox::new(WAITING));
+        let mapped = Arc::new(LatestQueue::new(WAITING));
         let shared =
             Arc::new(Shared { mapped, warnings: Mutex::default(), ends: AtomicBool::new(false) });
         let (own, still_rad) = (Arc::clone(&shared), set.still_rad);
@@ -56,7 +56,7 @@ impl Checker {
     }
 
     /// The queue of mapped samples to be checked.
-    pub(super) fn inbox(&self) -> Arc<Inbox<Mapped>> {
+    pub(super) fn inbox(&self) -> Arc<LatestQueue<MappedSample>> {
         Arc::clone(&self.shared.mapped)
     }
 
@@ -107,7 +107,7 @@ impl Looking {
         }
     }
 
-    fn take(&mut self, Mapped { sample, contacts, state, begins, .. }: Mapped) {
+    fn take(&mut self, MappedSample { sample, contacts, state, begins, .. }: MappedSample) {
         let due = |kept_s: f64| sample.time_s.is_none_or(|now_s| (now_s - kept_s).abs() >= EVERY_S);
         if !begins && !self.kept_s.is_none_or(due) {
             return;
@@ -117,7 +117,7 @@ impl Looking {
             self.check.begin_live(&self.start(&sample), KEPT);
             self.pause.clear();
         }
-        if state == State::Waiting {
+        if state == SessionState::Waiting {
             self.pause.push(sample);
             if self.pause.len() > 2 * PAUSE {
                 self.pause.drain(..PAUSE);

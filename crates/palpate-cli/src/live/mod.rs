@@ -14,15 +14,15 @@ use std::time::{Duration, Instant};
 
 use palpate::unstable::PauseConfig;
 use palpate::{Arm, Differentiation, ExternalTorqueConfig, Mapper, TorqueModel, TorqueStream};
-use palpate_io::field::{self, Saved};
+use palpate_io::field::{self, SavedField};
 use palpate_io::log::AngleUnit;
 use palpate_live::checkpoint::CheckpointConfig;
 use palpate_live::guard::{Guard, GuardConfig};
 use palpate_live::ros::{
-    FlagTopics, Names, NetworkConfig, NetworkProcess, Parameter, Services, Value,
+    FlagTopics, NetworkConfig, NetworkProcess, ParamValue, Parameter, ServiceEncoding, TopicNames,
 };
 use palpate_live::session::Session;
-use palpate_live::{AskSocket, LiveBody, LiveConfig, News, run as run_live};
+use palpate_live::{LiveConfig, LiveElasticBody, QuerySocket, SessionReport, run as run_live};
 use palpate_work::Progress;
 use palpate_work::settings::named;
 use palpate_work::torque::{ThresholdSource, threshold};
@@ -136,8 +136,8 @@ pub(crate) struct Args {
     #[arg(long)]
     localhost: bool,
     /// How requests of services are identified on the wire: `cyclone` for robots on rmw_cyclonedds
-    #[arg(long, value_name = "KIND", default_value = "enhanced", value_parser = named::<Services>(&["enhanced", "cyclone"]))]
-    services: Services,
+    #[arg(long, value_name = "KIND", default_value = "enhanced", value_parser = named::<ServiceEncoding>(&["enhanced", "cyclone"]))]
+    services: ServiceEncoding,
     /// Take the time from the topic /clock, as a simulation or a replay gives it (use_sim_time of ROS)
     #[arg(long)]
     sim_time: bool,
@@ -227,37 +227,37 @@ impl Args {
         })
     }
 
-    fn names(&self) -> Result<Names, CliError> {
-        Names::new(&self.remap).map_err(|error| CliError::Usage(format!("--remap: {error}")))
+    fn names(&self) -> Result<TopicNames, CliError> {
+        TopicNames::new(&self.remap).map_err(|error| CliError::Usage(format!("--remap: {error}")))
     }
 
     /// The parameters of the session, as `ros2 param` shows them.
     fn parameters(&self, settings: &Settings) -> Vec<Parameter> {
-        let text = |text: Option<String>| Value::Text(text.unwrap_or_default());
+        let text = |text: Option<String>| ParamValue::Text(text.unwrap_or_default());
         let field = self.output.as_ref().map(|path| path.display().to_string());
         [
             (
                 "use_sim_time",
-                Value::Bool(self.sim_time),
+                ParamValue::Bool(self.sim_time),
                 "whether time is that of /clock (--sim-time)",
             ),
-            ("robot", Value::Text(settings.robot.name().to_owned()), "the robot (--robot)"),
+            ("robot", ParamValue::Text(settings.robot.name().to_owned()), "the robot (--robot)"),
             (
                 "joint_states",
                 text(self.joint_states().ok().flatten()),
                 "topic of the joint states; empty: the only one there is",
             ),
             ("output", text(field), "file of the field; empty: it is not kept"),
-            ("map", Value::Bool(!self.no_map), "whether a field is learned (--no-map)"),
+            ("map", ParamValue::Bool(!self.no_map), "whether a field is learned (--no-map)"),
             (
                 "guard",
-                Value::Number(self.guard.unwrap_or(0.0)),
+                ParamValue::Number(self.guard.unwrap_or(0.0)),
                 "limit of the guard, N·m; 0: no guard",
             ),
-            ("checkpoint", Value::Number(self.checkpoint), "time between two checkpoints, s"),
+            ("checkpoint", ParamValue::Number(self.checkpoint), "time between two checkpoints, s"),
             (
                 "idle",
-                Value::Number(self.idle),
+                ParamValue::Number(self.idle),
                 "how long the arm stands still where a touch begins, s",
             ),
         ]
@@ -350,7 +350,7 @@ impl Args {
                     .to_owned(),
             ));
         }
-        let torques = settings.torque_beside_robot()?;
+        let torques = settings.torque_convention_for_robot()?;
         Ok(Some(Identified { model, torques }))
     }
 
@@ -401,13 +401,14 @@ impl Args {
         arm: &Arc<Arm>,
         settings: &Settings,
         output: &Output,
-    ) -> Result<(Mapper, Option<Arc<LiveBody>>), CliError> {
+    ) -> Result<(Mapper, Option<Arc<LiveElasticBody>>), CliError> {
         let Some(path) = self.field() else {
             let config = settings.config()?;
             let mapper = prior::mapper(self.prior.as_deref(), arm, config, output)?;
             let (bodies, _) = self.object.bodies(output)?;
-            let body = (!bodies.is_empty())
-                .then(|| LiveBody::new(arm, mapper.config(), &bodies).map_err(CliError::file));
+            let body = (!bodies.is_empty()).then(|| {
+                LiveElasticBody::new(arm, mapper.config(), &bodies).map_err(CliError::file)
+            });
             return Ok((mapper, body.transpose()?.map(Arc::new)));
         };
         let mut saved = field::load(path).map_err(CliError::file)?;
@@ -420,7 +421,8 @@ impl Args {
                 "the field has its own elastic body, or none: --cloud and --body are not used",
             );
         }
-        let body = model.map(|model| LiveBody::resumed(arm, mapper.config(), model, touches));
+        let body =
+            model.map(|model| LiveElasticBody::resumed(arm, mapper.config(), model, touches));
         Ok((mapper, body.map(Arc::new)))
     }
 }
@@ -432,8 +434,8 @@ fn network_command() -> Command {
     command
 }
 
-fn open_socket(path: &Path) -> Result<AskSocket, CliError> {
-    AskSocket::bind(path).map_err(|error| {
+fn open_socket(path: &Path) -> Result<QuerySocket, CliError> {
+    QuerySocket::bind(path).map_err(|error| {
         CliError::from(format!(
             "the socket `{}` (--ask) cannot be opened: {error}; choose another name",
             path.display()
@@ -509,15 +511,15 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 fn save(
     path: &Path,
     session: &Session,
-    body: Option<&LiveBody>,
+    body: Option<&LiveElasticBody>,
     shown: &mut Shown,
 ) -> Result<(), CliError> {
-    let mut saved = Saved::of_mapper(session.mapper());
+    let mut saved = SavedField::of_mapper(session.mapper());
     body.inspect(|body| body.put_into(&mut saved));
     place::save(path, &saved)?;
-    if let Some(waiting) = body.map(LiveBody::waiting).filter(|waiting| *waiting > 0) {
+    if let Some(waiting) = body.map(LiveElasticBody::waiting).filter(|waiting| *waiting > 0) {
         let path = path.display();
-        shown.show(News::Note(format!(
+        shown.show(SessionReport::Note(format!(
             "the elastic body has not learnt the last touches ({waiting}), which the field holds: \
              palpate map --from {path} -o {path}"
         )));

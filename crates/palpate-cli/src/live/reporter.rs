@@ -3,8 +3,8 @@
 use std::cell::RefCell;
 use std::sync::Arc;
 
-use palpate_live::inbox::Inbox;
-use palpate_live::{Mapped, News};
+use palpate_live::inbox::LatestQueue;
+use palpate_live::{MappedSample, SessionReport};
 
 use super::checker::Checker;
 use super::status::Shown;
@@ -24,11 +24,11 @@ impl Reporter {
     }
 
     /// The queue of mapped samples to be checked.
-    pub(super) fn inbox(&self) -> Arc<Inbox<Mapped>> {
+    pub(super) fn inbox(&self) -> Arc<LatestQueue<MappedSample>> {
         self.checker.inbox()
     }
 
-    pub(super) fn show(&self, news: News) {
+    pub(super) fn show(&self, news: SessionReport) {
         self.shown.borrow_mut().show(news);
     }
 

@@ -5,9 +5,9 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
-use palpate_live::News;
-use palpate_live::figures::Figures;
-use palpate_live::session::{Session, State};
+use palpate_live::SessionReport;
+use palpate_live::figures::SessionFigures;
+use palpate_live::session::{Session, SessionState};
 use palpate_work::Progress;
 use serde_json::json;
 
@@ -27,7 +27,7 @@ pub(super) struct Shown {
     /// Whether there is a terminal for a view.
     terminal: bool,
     last_line: Option<Instant>,
-    last: Option<Figures>,
+    last: Option<SessionFigures>,
 }
 
 impl Shown {
@@ -38,13 +38,13 @@ impl Shown {
     }
 
     /// Shows one piece of news. That standard output is closed is an error only at the end.
-    pub(super) fn show(&mut self, news: News) {
+    pub(super) fn show(&mut self, news: SessionReport) {
         match news {
-            News::Note(note) if self.json => {
+            SessionReport::Note(note) if self.json => {
                 let _ = self.output.json_line(&json!({ "note": note }));
             }
-            News::Note(note) => self.bar.suspend(|| self.output.note(&note)),
-            News::Figures(figures) => self.figures(*figures),
+            SessionReport::Note(note) => self.bar.suspend(|| self.output.note(&note)),
+            SessionReport::Figures(figures) => self.figures(*figures),
         }
     }
 
@@ -57,7 +57,7 @@ impl Shown {
         }
     }
 
-    fn figures(&mut self, figures: Figures) {
+    fn figures(&mut self, figures: SessionFigures) {
         let every = if self.json { JSON } else { LINE };
         let due = self.last_line.is_none_or(|last| last.elapsed() >= every);
         if self.terminal {
@@ -104,11 +104,11 @@ impl Shown {
 }
 
 /// The state of the session in words, with the cause if the robot must stop.
-fn state(figures: &Figures) -> String {
+fn state(figures: &SessionFigures) -> String {
     let does = match figures.state {
-        State::Waiting => "waiting for the arm to pause",
-        State::Taring => "taking the tare",
-        State::Mapping => "mapping",
+        SessionState::Waiting => "waiting for the arm to pause",
+        SessionState::Taring => "taking the tare",
+        SessionState::Mapping => "mapping",
     };
     match &figures.stop {
         Some(cause) => format!("STOP: {cause}; {does}"),
@@ -121,8 +121,9 @@ fn torque(n_m: Option<f64>) -> String {
 }
 
 /// All figures, in four lines.
-fn view(figures: &Figures) -> String {
-    let Figures { latency_ms, step_ms, rate_hz, replays, contacts, cells, touches, .. } = figures;
+fn view(figures: &SessionFigures) -> String {
+    let SessionFigures { latency_ms, step_ms, rate_hz, replays, contacts, cells, touches, .. } =
+        figures;
     let checkpoint = figures.checkpoint_s.map_or(String::new(), |s| format!(", kept {s:.0} s ago"));
     let refused: u64 = figures.refused.values().sum();
     let lost = format!(
@@ -152,7 +153,7 @@ fn view(figures: &Figures) -> String {
 }
 
 /// The most important figures, in one line.
-fn line(figures: &Figures) -> String {
+fn line(figures: &SessionFigures) -> String {
     format!(
         "{}: {:.0} Hz, latency {:.2} ms, {} contacts, {} cells, error {} (predicting zero: {}), \
          {} dropped",

@@ -7,9 +7,9 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use palpate::{Arm, Lattice};
-use palpate_live::inbox::Inbox;
-use palpate_live::view_feed::{ViewFrame, WAITING, What};
-use palpate_view::{Frame, Recording, Scene, Torque, ViewError};
+use palpate_live::inbox::LatestQueue;
+use palpate_live::view_feed::{ViewContent, ViewFrame, WAITING};
+use palpate_view::{DrawnSample, Recording, SampleTorque, Scene, ViewError};
 
 use crate::error::CliError;
 use crate::hull::Hulls;
@@ -24,7 +24,7 @@ const PATIENCE: Duration = Duration::from_secs(5);
 
 /// A viewer and the thread that sends it the frames.
 pub(super) struct Viewer {
-    inbox: Arc<Inbox<ViewFrame>>,
+    inbox: Arc<LatestQueue<ViewFrame>>,
     ending: Arc<AtomicBool>,
     thread: JoinHandle<Result<(), ViewError>>,
 }
@@ -42,7 +42,7 @@ impl Viewer {
         let about = about("A field is learnt beside a robot", arm, lattice, Some(expected));
         let mut scene = scene((arm, &hulls), lattice, "live".to_owned(), about);
         (scene.clock, scene.torques) = (true, true);
-        let inbox = Arc::new(Inbox::new(WAITING));
+        let inbox = Arc::new(LatestQueue::new(WAITING));
         let ending = Arc::new(AtomicBool::new(false));
         let (connected, answer) = mpsc::sync_channel(1);
         let drawer = Drawer { arm: Arc::clone(arm), hulls, inbox: Arc::clone(&inbox) };
@@ -65,7 +65,7 @@ impl Viewer {
     }
 
     /// The queue of frames to be drawn.
-    pub(super) fn inbox(&self) -> Arc<Inbox<ViewFrame>> {
+    pub(super) fn inbox(&self) -> Arc<LatestQueue<ViewFrame>> {
         Arc::clone(&self.inbox)
     }
 
@@ -101,7 +101,7 @@ fn connect(url: &str, mut scene: Scene, drawer: &Drawer) -> Result<Recording<'st
 struct Drawer {
     arm: Arc<Arm>,
     hulls: Hulls,
-    inbox: Arc<Inbox<ViewFrame>>,
+    inbox: Arc<LatestQueue<ViewFrame>>,
 }
 
 impl Drawer {
@@ -125,20 +125,23 @@ impl Drawer {
     ) -> Result<(), ViewError> {
         let (sample, time_s) = (seen.sample, Some(seen.since.as_secs_f64()));
         match &seen.what {
-            What::Touch => {
+            ViewContent::Touch => {
                 *touches += 1;
                 recording.touch(&touches.to_string(), sample, time_s)
             }
-            What::Arm { q, contacts, torques } => {
+            ViewContent::Arm { q, contacts, torques } => {
                 // The mapper has already refused positions that do not fit the arm.
                 let Ok(poses) = self.hulls.poses(&self.arm, q) else { return Ok(()) };
                 let torque = torques.as_ref();
-                let torque = torque.map(|(measured, predicted)| Torque { measured, predicted });
+                let torque =
+                    torque.map(|(measured, predicted)| SampleTorque { measured, predicted });
                 let world_from_link = &poses;
-                recording.frame(&Frame { sample, time_s, world_from_link, contacts, torque })
+                recording.frame(&DrawnSample { sample, time_s, world_from_link, contacts, torque })
             }
-            What::Field(field) => recording.field(field, sample, time_s),
-            What::Body((body, segments_m)) => recording.body((body, segments_m), sample, time_s),
+            ViewContent::Field(field) => recording.field(field, sample, time_s),
+            ViewContent::Body((body, segments_m)) => {
+                recording.body((body, segments_m), sample, time_s)
+            }
         }
     }
 }

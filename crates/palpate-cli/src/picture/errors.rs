@@ -1,6 +1,6 @@
 //! Error over time of one touch: every method's, beside the size of the torque itself (Fig. 3).
 
-use palpate_learn::evaluation::LeftOut;
+use palpate_learn::evaluation::HeldOutTouch;
 use plotters::chart::ChartBuilder;
 use plotters::series::LineSeries;
 use plotters::style::{Color, RGBColor};
@@ -13,7 +13,7 @@ const TORQUE: RGBColor = RGBColor(169, 174, 184);
 /// Draws a touch, with its name above.
 ///
 /// The error of predicting zero is the size of the torque, one curve for both.
-pub(crate) fn errors(touch: &LeftOut) -> Result<String, String> {
+pub(crate) fn errors(touch: &HeldOutTouch) -> Result<String, String> {
     let zero = vec![Vec::new(); touch.external.len()];
     let mut curves = vec![("zero (|τ|)", TORQUE.stroke_width(1), norms(&touch.external, &zero))];
     for method in touch.predictions.iter().filter(|method| method.method != "zero") {
@@ -53,7 +53,7 @@ pub(crate) fn errors(touch: &LeftOut) -> Result<String, String> {
 }
 
 /// Whether a touch's time is the frame number, because its log has no clock.
-pub(crate) fn counted(touch: &LeftOut) -> bool {
+pub(crate) fn counted(touch: &HeldOutTouch) -> bool {
     touch.time_s.iter().enumerate().all(|(frame, &time)| time == frame as f64)
 }
 
@@ -82,13 +82,13 @@ pub(crate) fn colour(method: &str) -> RGBColor {
 
 #[cfg(test)]
 mod tests {
-    use palpate_learn::evaluation::Prediction;
+    use palpate_learn::evaluation::MethodPrediction;
 
     use super::*;
 
-    fn touch(frames: usize) -> LeftOut {
+    fn touch(frames: usize) -> HeldOutTouch {
         let external = vec![vec![3.0, 4.0]; frames];
-        LeftOut {
+        HeldOutTouch {
             name: "push".to_owned(),
             fold: 0,
             time_s: (0..frames).map(|frame| 0.1 * frame as f64).collect(),
@@ -96,7 +96,7 @@ mod tests {
             known: vec![0; frames],
             q: vec![vec![0.0; 2]; frames],
             predictions: ["map", "gp", "zero"]
-                .map(|name| Prediction::new(name, vec![vec![0.0; 2]; frames], &external))
+                .map(|name| MethodPrediction::new(name, vec![vec![0.0; 2]; frames], &external))
                 .into(),
             external,
         }

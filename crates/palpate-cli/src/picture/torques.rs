@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use palpate_work::predict::{Against, FrameResult, TouchResult};
+use palpate_work::predict::{FrameResult, ReferenceTorque, TouchResult};
 use plotters::chart::ChartBuilder;
 use plotters::series::{AreaSeries, LineSeries};
 use plotters::style::{Color, RGBColor};
@@ -19,7 +19,7 @@ const PREDICTED: RGBColor = RGBColor(0, 114, 178);
 const ERROR: RGBColor = RGBColor(213, 94, 0);
 
 /// Draws all touches; `against` says what the predictions are compared with.
-pub(crate) fn torques(results: &[TouchResult], against: Against) -> Result<String, String> {
+pub(crate) fn torques(results: &[TouchResult], against: ReferenceTorque) -> Result<String, String> {
     let rows = results.len().max(1) as u32;
     svg((WIDTH, LEGEND_HEIGHT + rows * ROW_HEIGHT), |area| {
         let (head, body) = area.split_vertically(LEGEND_HEIGHT);

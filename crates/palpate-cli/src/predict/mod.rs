@@ -10,10 +10,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use palpate::{Arm, ExternalTorqueConfig};
-use palpate_io::field::{self, Saved};
-use palpate_work::predict::{Against, score};
+use palpate_io::field::{self, SavedField};
+use palpate_work::predict::{ReferenceTorque, score};
 use palpate_work::robot;
-use palpate_work::scored::{Report, report_oddities};
+use palpate_work::scored::{PredictionReport, report_oddities};
 use palpate_work::touches::Touches;
 
 use crate::error::CliError;
@@ -87,7 +87,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen();
     let saved = field::load(&args.field).map_err(CliError::file)?;
     let (mut touches, arm, touch) = open_beside(&saved, &args.logs, &mut settings, output)?;
-    let against = if args.truth { Against::Truth } else { Against::Measured };
+    let against = if args.truth { ReferenceTorque::Truth } else { ReferenceTorque::Measured };
     let results = score(&arm, &saved.field, touch, against, (&mut touches, output))?;
 
     if let (Some(path), Some(format)) = (&args.output, export) {
@@ -96,21 +96,21 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if let (Some(path), Some(format)) = (&args.picture, picture) {
         format.write(path, &picture::torques(&results, against)?)?;
     }
-    let report = Report::new(&results, (&saved.field, against));
+    let report = PredictionReport::new(&results, (&saved.field, against));
     report_oddities(&results, &saved.field, output);
     if args.json { output.json(&report) } else { output.result(&text(&report)) }
 }
 
 /// Opens logs that are compared with a field; also returns their arm and torque convention.
 pub(crate) fn open_beside(
-    saved: &Saved,
+    saved: &SavedField,
     logs: &[PathBuf],
     settings: &mut Settings,
     output: &Output,
 ) -> Result<(Touches, Arc<Arm>, ExternalTorqueConfig), CliError> {
     let (touches, arm) = logs::open(logs, settings, logs::IfUndecided::LeaveOpen, output)?;
     robot::warn_of_other_robot((&saved.robot, saved.snapshot.as_ref()), &arm, output);
-    let touch = settings.torque_beside_field(&saved.field.touch)?;
+    let touch = settings.torque_convention_for_field(&saved.field.touch)?;
     let place = (saved.field.lattice.clone(), saved.field.contact.clone());
     Ok((touches.for_arm(&arm, &settings.log, place)?, arm, touch))
 }

@@ -1,15 +1,15 @@
 //! The four errors of Table I, per touch and over all frames, as text.
 
 use palpate_learn::bands::{CLASSES, Coverage};
-use palpate_work::scored::{Figures, Report, Row};
+use palpate_work::scored::{ErrorFigures, PredictionReport, TouchErrors};
 
 use crate::output::{figure, table};
 
 /// A row of the table.
-fn cells(row: &Row) -> Vec<String> {
+fn cells(row: &TouchErrors) -> Vec<String> {
     let mut cells = vec![row.name.clone().unwrap_or("overall".to_owned()), row.frames.to_string()];
     for figures in [&row.errors, &row.zero] {
-        let Figures { avg_error, max_error, avg_relative, max_relative } = *figures;
+        let ErrorFigures { avg_error, max_error, avg_relative, max_relative } = *figures;
         cells.extend([avg_error, max_error].map(|error| figure(error, 3)));
         cells.extend([avg_relative, max_relative].map(|error| figure(error, 2)));
     }
@@ -17,7 +17,7 @@ fn cells(row: &Row) -> Vec<String> {
 }
 
 /// The report as text.
-pub(crate) fn text(report: &Report) -> String {
+pub(crate) fn text(report: &PredictionReport) -> String {
     let against = report.against.word();
     let mut text = format!(
         "Error of the predicted torque against the {against} one, N·m over all joints, and\n\

@@ -1,7 +1,7 @@
 //! Table I for each touch, as CSV.
 
 use palpate_learn::evaluation::Evaluation;
-use palpate_work::scored::Figures;
+use palpate_work::scored::ErrorFigures;
 
 use crate::csv;
 
@@ -11,8 +11,8 @@ pub(crate) fn errors_csv(evaluation: &Evaluation) -> String {
     let mut rows = vec![head.map(str::to_owned).to_vec()];
     for (index, method) in evaluation.methods.iter().enumerate() {
         for touch in &evaluation.touches {
-            let figures = Figures::from(touch.predictions[index].errors);
-            let Figures { avg_error, max_error, avg_relative, max_relative } = figures;
+            let figures = ErrorFigures::from(touch.predictions[index].errors);
+            let ErrorFigures { avg_error, max_error, avg_relative, max_relative } = figures;
             let figures = [avg_error, max_error, avg_relative, max_relative]
                 .map(|figure| figure.map(|figure| format!("{figure:.6}")).unwrap_or_default());
             rows.push(
@@ -25,27 +25,27 @@ pub(crate) fn errors_csv(evaluation: &Evaluation) -> String {
 
 #[cfg(test)]
 mod tests {
-    use palpate_learn::evaluation::{LeftOut, Prediction, Summary};
+    use palpate_learn::evaluation::{HeldOutTouch, MethodPrediction, MethodSummary};
 
     use super::*;
 
     #[test]
     fn a_touch_without_torque_has_no_relative_figures() {
         let external = vec![vec![0.5, 0.0]];
-        let touches = vec![LeftOut {
+        let touches = vec![HeldOutTouch {
             name: "a,b".to_owned(),
             fold: 0,
             time_s: vec![0.0],
             contacts: vec![0],
             known: vec![0],
             q: vec![vec![0.0; 2]],
-            predictions: vec![Prediction::new("zero", vec![vec![0.0; 2]], &external)],
+            predictions: vec![MethodPrediction::new("zero", vec![vec![0.0; 2]], &external)],
             external,
         }];
         let evaluation = Evaluation {
             joint_names: vec!["one".to_owned(), "two".to_owned()],
             against: "truth".to_owned(),
-            methods: vec![Summary::new("zero", 0, &touches)],
+            methods: vec![MethodSummary::new("zero", 0, &touches)],
             touches,
         };
         let expected = "method,touch,avg_error,max_error,avg_relative,max_relative\n\

@@ -3,7 +3,7 @@
 //! Numbers have the formats of `packed`. A number that is not finite becomes `null`, a gap in its
 //! curve.
 
-use palpate_learn::evaluation::{Evaluation, LeftOut};
+use palpate_learn::evaluation::{Evaluation, HeldOutTouch};
 use plotters::style::RGBColor;
 use serde::Serialize;
 
@@ -77,7 +77,7 @@ impl<'a> Data<'a> {
     }
 }
 
-fn curves(touch: &LeftOut, per_touch: usize) -> Touch<'_> {
+fn curves(touch: &HeldOutTouch, per_touch: usize) -> Touch<'_> {
     let frames = touch.time_s.len();
     let by_joint = |torques: &[Vec<f64>]| -> Vec<Vec<Option<i64>>> {
         let joints = torques.first().map_or(0, Vec::len);

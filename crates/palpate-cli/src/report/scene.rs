@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use palpate::unstable::{ElasticBody, SegmentKind};
 use palpate::{Arm, Field};
 use palpate_io::cloud::Cloud;
-use palpate_learn::evaluation::{Evaluation, LeftOut};
+use palpate_learn::evaluation::{Evaluation, HeldOutTouch};
 use palpate_view::view_model::LinkShape;
 use palpate_work::elastic::{ArmPath, BentFrames, bend_along};
 use serde::Serialize;
@@ -103,7 +103,7 @@ impl Scene {
         let drawn_frames: usize =
             evaluation.touches.iter().map(|touch| drawn(touch.q.len(), per_touch).count()).sum();
         let every = drawn_frames.div_ceil(BODY_FRAMES).max(1);
-        let along = |touch: &'e LeftOut| ArmPath {
+        let along = |touch: &'e HeldOutTouch| ArmPath {
             q: &touch.q,
             times_s: &touch.time_s,
             every: every * stride(touch.q.len(), per_touch),

@@ -3,12 +3,12 @@
 use std::fmt::Write;
 
 use palpate_learn::evaluation::{
-    Evaluation, LeftOut, MeanStd, PAPER_BASELINES, PAPER_FIELD, Summary,
+    Evaluation, HeldOutTouch, MeanStd, MethodSummary, PAPER_BASELINES, PAPER_FIELD,
 };
 use palpate_learn::method::Method;
 
 /// A column of the table.
-type Figure = fn(&Summary) -> Option<MeanStd>;
+type Figure = fn(&MethodSummary) -> Option<MeanStd>;
 
 /// A short description of a method.
 pub(super) fn gloss(method: &str) -> &'static str {
@@ -33,7 +33,7 @@ pub(super) fn subject(evaluation: &Evaluation) -> Option<usize> {
         .or_else(|| (!evaluation.methods.is_empty()).then_some(0))
 }
 
-fn is_learnt(method: &Summary) -> bool {
+fn is_learnt(method: &MethodSummary) -> bool {
     let named = |other: &&Method| other.name() == method.name;
     Method::ALL.iter().find(named).is_some_and(|method| method.is_learnt_baseline())
 }
@@ -123,7 +123,7 @@ pub(super) fn remarks(evaluation: &Evaluation) -> Vec<String> {
     let Some(subject) = subject(evaluation) else { return Vec::new() };
     let method = &evaluation.methods[subject].name;
     let touches = &evaluation.touches;
-    let of = |touch: &LeftOut| touch.predictions[subject].errors;
+    let of = |touch: &HeldOutTouch| touch.predictions[subject].errors;
 
     let mut remarks = Vec::new();
     let unscored = names(touches, |touch| of(touch).is_none());
@@ -145,24 +145,24 @@ pub(super) fn remarks(evaluation: &Evaluation) -> Vec<String> {
 }
 
 /// Names of the touches that `which` selects, separated by commas.
-fn names(touches: &[LeftOut], which: impl Fn(&LeftOut) -> bool) -> String {
+fn names(touches: &[HeldOutTouch], which: impl Fn(&HeldOutTouch) -> bool) -> String {
     let names = touches.iter().filter(|touch| which(touch)).map(|touch| touch.name.as_str());
     names.collect::<Vec<_>>().join(", ")
 }
 
 /// If a touch is predicted worse than by zero: its name, by how much, and why.
-fn worse(touch: &LeftOut, method: &str) -> Option<String> {
+fn worse(touch: &HeldOutTouch, method: &str) -> Option<String> {
     let (error, zero) = (touch.errors(method)?.avg_error, touch.zero()?.avg_error);
     (error > zero).then(|| {
         let more = 100.0 * (error / zero - 1.0);
-        let (name, why) = (&touch.name, touch.what_went_wrong(method).unwrap_or_default());
+        let (name, why) = (&touch.name, touch.failure_reason(method).unwrap_or_default());
         format!("{name} by {more:.0}\u{a0}% ({error:.3} against {zero:.3}\u{a0}N·m): {why}")
     })
 }
 
 #[cfg(test)]
 mod tests {
-    use palpate_learn::evaluation::Prediction;
+    use palpate_learn::evaluation::MethodPrediction;
 
     use super::*;
     use crate::example;
@@ -200,7 +200,7 @@ mod tests {
         let touch = &mut evaluation.touches[1];
         touch.external.iter_mut().for_each(|tau| tau.fill(0.1));
         let twice = vec![vec![0.3; 7]; touch.external.len()];
-        touch.predictions[0] = Prediction::new("map", twice, &touch.external);
+        touch.predictions[0] = MethodPrediction::new("map", twice, &touch.external);
         let text = remarks(&evaluation).join("\n");
         assert!(text.contains("without relative error: second <touch>."), "{text}");
         assert!(text.contains("second <touch> by 100\u{a0}% (0.529 against 0.265"), "{text}");

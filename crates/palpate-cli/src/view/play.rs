@@ -6,8 +6,8 @@ use std::path::PathBuf;
 
 use nalgebra::DVector;
 use palpate::{Arm, Contacts, Mapper, MapperError, Predictor, Sample};
-use palpate_learn::errors::{ErrorSum, Errors};
-use palpate_view::{Frame, Recording, Torque};
+use palpate_learn::torque_errors::{ErrorSum, TorqueErrors};
+use palpate_view::{DrawnSample, Recording, SampleTorque};
 use palpate_work::Progress;
 use palpate_work::touches::{TouchEvent, Touches};
 use serde::Serialize;
@@ -76,9 +76,9 @@ pub(super) struct Played {
     samples_shown: u64,
     contacts_largest: usize,
     /// Errors of the predicted torques against the measured ones.
-    errors: Option<Errors>,
+    errors: Option<TorqueErrors>,
     /// Errors of predicting zero.
-    zero: Option<Errors>,
+    zero: Option<TorqueErrors>,
 }
 
 impl Played {
@@ -230,8 +230,8 @@ impl Player {
         if number.is_multiple_of(args.every) {
             let poses = hulls.poses(arm, &sample.q).map_err(CliError::file)?;
             let torque = torques.as_ref();
-            let torque = torque.map(|(measured, predicted)| Torque { measured, predicted });
-            let frame = Frame {
+            let torque = torque.map(|(measured, predicted)| SampleTorque { measured, predicted });
+            let frame = DrawnSample {
                 sample: number,
                 time_s,
                 world_from_link: &poses,

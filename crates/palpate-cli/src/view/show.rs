@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use palpate::{Arm, ContactConfig, Lattice, Mapper, Predictor};
-use palpate_io::field::{self, Saved};
-use palpate_view::{Frame, Recording, Scene};
+use palpate_io::field::{self, SavedField};
+use palpate_view::{DrawnSample, Recording, Scene};
 use palpate_work::robot;
 use palpate_work::touches::Touches;
 use serde_json::json;
@@ -102,7 +102,7 @@ struct Stage<'a> {
     named: &'a Named<'a>,
     settings: &'a Settings,
     arm: &'a Arc<Arm>,
-    saved: Option<Saved>,
+    saved: Option<SavedField>,
     output: &'a Output,
 }
 
@@ -134,8 +134,8 @@ impl Stage<'_> {
     fn follower(&self) -> Result<(Follower, (Lattice, ContactConfig)), CliError> {
         let arm = Arc::clone(self.arm);
         match &self.saved {
-            Some(Saved { field, .. }) => {
-                let touch = self.settings.torque_beside_field(&field.touch)?;
+            Some(SavedField { field, .. }) => {
+                let touch = self.settings.torque_convention_for_field(&field.touch)?;
                 let predictor = Predictor::new(arm, field, touch).map_err(SettingsError::value)?;
                 let place = (field.lattice.clone(), field.contact.clone());
                 Ok((Follower::Predictor(Box::new(predictor)), place))
@@ -149,7 +149,7 @@ impl Stage<'_> {
     }
 
     /// Shows a field alone; returns where the recording is.
-    fn show_field(&self, saved: &Saved, to: To) -> Result<String, CliError> {
+    fn show_field(&self, saved: &SavedField, to: To) -> Result<String, CliError> {
         let hulls = Hulls::of(self.arm);
         let mut scene = self.scene(&hulls, &saved.field.lattice);
         let n_joints = self.arm.robot.n_joints();
@@ -165,7 +165,8 @@ impl Stage<'_> {
             let contacts = palpate::Contacts::default();
             let (sample, time_s, torque) = (0, None, None);
             let world_from_link = &poses;
-            let frame = Frame { sample, time_s, world_from_link, contacts: &contacts, torque };
+            let frame =
+                DrawnSample { sample, time_s, world_from_link, contacts: &contacts, torque };
             recording.frame(&frame)?;
             if let Some(model) = &saved.field.elastic {
                 let body = model.equilibrium(self.arm);

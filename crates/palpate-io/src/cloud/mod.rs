@@ -29,7 +29,7 @@ use crate::input;
 use std::path::Path;
 
 pub use error::CloudError;
-pub use points::{Cloud, Reading};
+pub use points::{Cloud, CloudFile};
 pub use truth::{PointTruth, read_point_truth};
 pub use write::{Column, write_pcd, write_ply};
 
@@ -42,14 +42,14 @@ pub use write::{Column, write_pcd, write_ply};
 /// # Errors
 ///
 /// [`CloudError`]. No content makes it panic, or allocate memory for data that is not in the file.
-pub fn read(path: &Path) -> Result<Reading, CloudError> {
+pub fn read(path: &Path) -> Result<CloudFile, CloudError> {
     let bytes = input::read(path, u64::MAX)
         .map_err(|source| CloudError::Io { path: path.to_owned(), source })?;
     decode(&bytes, path)
 }
 
 /// Reads a cloud from bytes; `path` is for error messages.
-fn decode(bytes: &[u8], path: &Path) -> Result<Reading, CloudError> {
+fn decode(bytes: &[u8], path: &Path) -> Result<CloudFile, CloudError> {
     let first_line = bytes.split(|&byte| byte == b'\n').next().unwrap_or_default();
     if first_line.trim_ascii() == b"ply" {
         return ply::decode(bytes, path);

@@ -9,9 +9,9 @@ use std::path::Path;
 
 use super::error::CloudError;
 use super::lzf;
-use super::points::Reading;
+use super::points::CloudFile;
 use super::rows::{Collector, Layout};
-use super::table::{Body, Format, Holds, Property, Rows, header};
+use super::table::{Body, Content, Format, Property, Rows, header};
 use crate::npy::Number;
 
 /// Encoding of the points.
@@ -31,7 +31,7 @@ struct Field {
 }
 
 /// Reads the points.
-pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<Reading, CloudError> {
+pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<CloudFile, CloudError> {
     let (mut entries, mut read) = (Entries::default(), None);
     let (body, lines) = header(bytes, "line `DATA`", path, |words| {
         if let Some(data) = entries.take(words)? {
@@ -64,9 +64,9 @@ pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<Reading, CloudError> {
 /// A property for each number of a field.
 fn properties(field: &Field) -> impl Iterator<Item = Property> + use<'_> {
     let holds = match field.count {
-        1 if field.is_packed() => Holds::Packed,
-        1 => Holds::One,
-        _ => Holds::Part,
+        1 if field.is_packed() => Content::Packed,
+        1 => Content::One,
+        _ => Content::Part,
     };
     (0..field.count).map(move |_| Property { name: field.name.clone(), kind: field.kind, holds })
 }

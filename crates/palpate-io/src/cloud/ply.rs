@@ -5,16 +5,16 @@
 use std::path::Path;
 
 use super::error::CloudError;
-use super::points::Reading;
+use super::points::CloudFile;
 use super::rows::{Collector, Layout};
-use super::table::{Body, Format, Holds, Property, Rows, header};
+use super::table::{Body, Content, Format, Property, Rows, header};
 use crate::npy::Number;
 
 /// The name of an element, and its rows.
 type Element = (String, Rows);
 
 /// Reads the vertices.
-pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<Reading, CloudError> {
+pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<CloudFile, CloudError> {
     let (mut format, mut elements) = (None, Vec::<Element>::new());
     let (body, lines) = header(bytes, "`end_header`", path, |words| {
         match *words {
@@ -82,8 +82,8 @@ fn format_named(name: &str) -> Result<Format, String> {
 /// Parses the words after `property`.
 fn property_named(words: &[&str]) -> Result<Property, String> {
     let (kind, name, holds) = match *words {
-        ["list", length, kind, name] => (kind, name, Holds::List(kind_named(length)?)),
-        [kind, name] => (kind, name, Holds::One),
+        ["list", length, kind, name] => (kind, name, Content::List(kind_named(length)?)),
+        [kind, name] => (kind, name, Content::One),
         _ => return Err("wanted `property <type> <name>` or a list".to_owned()),
     };
     Ok(Property { name: name.to_owned(), kind: kind_named(kind)?, holds })

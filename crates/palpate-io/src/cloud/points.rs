@@ -53,7 +53,7 @@ impl Cloud {
 
 /// A cloud that was read from a file.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Reading {
+pub struct CloudFile {
     /// The finite points, in the order of the file.
     pub cloud: Cloud,
     /// Rows of the file, counted from 0, whose point is not finite and was dropped: organised

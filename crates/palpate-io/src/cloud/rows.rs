@@ -7,11 +7,11 @@
 use std::path::Path;
 
 use nalgebra::Point3;
-use palpate::unstable::FARTHEST_M;
+use palpate::unstable::MAX_COORDINATE_M;
 
 use super::error::CloudError;
-use super::points::{Cloud, Reading};
-use super::table::{Holds, Property};
+use super::points::{Cloud, CloudFile};
+use super::table::{Content, Property};
 use crate::npy::Number;
 
 /// Indices in a row of the point and its colour.
@@ -36,7 +36,7 @@ impl Layout {
     pub(super) fn find(properties: &[Property]) -> Option<Self> {
         let place = |wanted: &str| {
             properties.iter().position(|property| {
-                matches!(property.holds, Holds::One | Holds::Packed)
+                matches!(property.holds, Content::One | Content::Packed)
                     && property.name.eq_ignore_ascii_case(wanted)
             })
         };
@@ -91,11 +91,11 @@ impl Collector {
     }
 
     /// The cloud of all rows; checks distances and colours.
-    pub(super) fn finish(self, path: &Path) -> Result<Reading, CloudError> {
+    pub(super) fn finish(self, path: &Path) -> Result<CloudFile, CloudError> {
         if self.points.is_empty() {
             return Err(CloudError::Empty { path: path.to_owned(), dropped: self.dropped.len() });
         }
-        let is_far = |point: &Point3<f64>| point.iter().any(|x| x.abs() > FARTHEST_M);
+        let is_far = |point: &Point3<f64>| point.iter().any(|x| x.abs() > MAX_COORDINATE_M);
         if let Some(far) = self.points.iter().position(is_far) {
             return Err(CloudError::Value {
                 path: path.to_owned(),
@@ -109,7 +109,7 @@ impl Collector {
             Colour::Packed(_) => Some(self.bytes(path, 1.0)?),
             Colour::Channels(_, kind) => Some(self.bytes(path, self.scale(kind))?),
         };
-        Ok(Reading { cloud: Cloud::new(self.points, colours), dropped: self.dropped })
+        Ok(CloudFile { cloud: Cloud::new(self.points, colours), dropped: self.dropped })
     }
 
     /// Factor that scales a colour channel to 0 to 255.

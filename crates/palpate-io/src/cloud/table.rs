@@ -50,12 +50,12 @@ pub(super) enum Format {
 pub(super) struct Property {
     pub(super) name: String,
     pub(super) kind: Number,
-    pub(super) holds: Holds,
+    pub(super) holds: Content,
 }
 
 /// Content of a property.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Holds {
+pub(super) enum Content {
     One,
     /// One number, whose bits are a colour.
     Packed,
@@ -103,7 +103,7 @@ impl<'a> Body<'a> {
             row.clear();
             for property in &rows.properties {
                 let value = match property.holds {
-                    Holds::List(length) => self.skip_list(property, length)?,
+                    Content::List(length) => self.skip_list(property, length)?,
                     _ => self.number(property, property.kind)?,
                 };
                 row.push(value.ok_or_else(|| CloudError::Truncated {
@@ -129,7 +129,7 @@ impl<'a> Body<'a> {
                 found: format!("`{}`", word[..word.len().min(24)].escape_ascii()),
                 wanted: "a number",
             })?;
-            return Ok(Some(if property.holds == Holds::Packed { bits(number) } else { number }));
+            return Ok(Some(if property.holds == Content::Packed { bits(number) } else { number }));
         };
         let Some((bytes, rest)) = self.rest.split_at_checked(kind.bytes()) else {
             return Ok(None);

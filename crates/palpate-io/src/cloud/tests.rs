@@ -4,7 +4,7 @@ use super::*;
 use nalgebra::Point3;
 use proptest::prelude::*;
 
-fn reading(bytes: &[u8]) -> Result<Reading, CloudError> {
+fn reading(bytes: &[u8]) -> Result<CloudFile, CloudError> {
     decode(bytes, Path::new("leaf"))
 }
 
@@ -85,7 +85,7 @@ fn text_pcd(letter: &str, colour: impl Fn(u32) -> String) -> Vec<u8> {
 #[test]
 fn the_same_leaf_comes_out_of_every_ply() {
     for bytes in [crowded_ply(false), crowded_ply(true), TEXT_PLY.into()] {
-        assert_eq!(reading(&bytes).unwrap(), Reading { cloud: leaf(), dropped: vec![] });
+        assert_eq!(reading(&bytes).unwrap(), CloudFile { cloud: leaf(), dropped: vec![] });
     }
 }
 
@@ -140,7 +140,7 @@ fn points_without_coordinates_are_left_out_by_name() {
     bytes.extend((packed.len() as u32).to_le_bytes());
     bytes.extend((body.len() as u32).to_le_bytes());
     bytes.extend(packed);
-    let Reading { cloud, dropped } = reading(&bytes).unwrap();
+    let CloudFile { cloud, dropped } = reading(&bytes).unwrap();
     assert_eq!(cloud.points(), [Point3::new(1.0, 6.0, 6.0), Point3::new(2.0, 8.0, 8.0)]);
     assert_eq!((cloud.colours(), dropped), (None, vec![0, 2]));
 }

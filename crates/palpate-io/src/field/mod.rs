@@ -24,5 +24,5 @@ mod saved;
 mod vti;
 
 pub use file::{FieldFile, FieldLattice};
-pub use saved::{Saved, SavedError, from_bytes, load, save, to_bytes};
+pub use saved::{SavedError, SavedField, from_bytes, load, save, to_bytes};
 pub use vti::write_vti;

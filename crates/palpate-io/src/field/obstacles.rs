@@ -101,7 +101,7 @@ fn spaced(numbers: [f64; 3]) -> String {
 
 /// Balls on springs.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Springs {
+pub struct PointSprings {
     /// Rest points, m, and stiffness, N/m.
     pub points: Vec<([f64; 3], f64)>,
     /// Radius of every ball, m.
@@ -115,7 +115,7 @@ pub struct Springs {
 /// # Errors
 ///
 /// The end of a message, if the field has no lattice.
-pub fn springs(field: &FieldFile, most: usize) -> Result<Springs, String> {
+pub fn springs(field: &FieldFile, most: usize) -> Result<PointSprings, String> {
     let (lattice, places) = places(field)?;
     let mut side = 1;
     loop {
@@ -130,7 +130,7 @@ pub fn springs(field: &FieldFile, most: usize) -> Result<Springs, String> {
         if blocks.len() <= most.max(1) {
             let points = blocks.into_values().map(|(k, moment)| (moment.map(|own| own / k), k));
             let radius_m = 0.5 * f64::from(side) * lattice.spacing_m();
-            return Ok(Springs { points: points.collect(), radius_m });
+            return Ok(PointSprings { points: points.collect(), radius_m });
         }
         side += 1;
     }
@@ -138,7 +138,7 @@ pub fn springs(field: &FieldFile, most: usize) -> Result<Springs, String> {
 
 /// A MuJoCo model of springs: each is a ball on three slide joints, with gravity compensation. The balls do not collide
 /// with each other.
-pub fn mujoco_xml(springs: &Springs) -> String {
+pub fn mujoco_xml(springs: &PointSprings) -> String {
     let radius = springs.radius_m;
     let mut xml = format!(
         "<mujoco model=\"field\">\n  <option integrator=\"implicitfast\"/>\n  <default>\n    \

@@ -57,7 +57,7 @@ fn name_in(arrays: &Arrays, name: &'static str) -> &'static str {
 
 /// A field, and the state of the mapper that learnt it if mapping is to continue.
 #[derive(Debug, Clone)]
-pub struct Saved {
+pub struct SavedField {
     /// The stiffness of all cells that were touched or have a prior of their own.
     pub field: Field,
     /// Prior mean of every cell of the field, N/m, by row; `None` if all cells have the prior of the
@@ -71,7 +71,7 @@ pub struct Saved {
     pub elastic_touches: Vec<Vec<Sample>>,
 }
 
-impl Saved {
+impl SavedField {
     /// The field of a mapper, with the state that it needs to continue.
     pub fn of_mapper(mapper: &Mapper) -> Self {
         let snapshot = mapper.snapshot();
@@ -160,7 +160,7 @@ struct MapperMeta {
 /// # Errors
 ///
 /// If the file cannot be written.
-pub fn save(path: &Path, saved: &Saved) -> Result<(), NpzError> {
+pub fn save(path: &Path, saved: &SavedField) -> Result<(), NpzError> {
     write_npz(path, &to_arrays(saved))
 }
 
@@ -169,12 +169,12 @@ pub fn save(path: &Path, saved: &Saved) -> Result<(), NpzError> {
 /// # Errors
 ///
 /// If the file is missing, broken, of another program or of a later version of palpate.
-pub fn load(path: &Path) -> Result<Saved, SavedError> {
+pub fn load(path: &Path) -> Result<SavedField, SavedError> {
     from_arrays(&read_npz(path)?)
 }
 
 /// The bytes of the file that [`save`] writes, for programs that pass fields on.
-pub fn to_bytes(saved: &Saved) -> Vec<u8> {
+pub fn to_bytes(saved: &SavedField) -> Vec<u8> {
     npz_bytes(&to_arrays(saved))
 }
 
@@ -183,12 +183,12 @@ pub fn to_bytes(saved: &Saved) -> Vec<u8> {
 /// # Errors
 ///
 /// As [`load`].
-pub fn from_bytes(bytes: &[u8], name: &str) -> Result<Saved, SavedError> {
+pub fn from_bytes(bytes: &[u8], name: &str) -> Result<SavedField, SavedError> {
     from_arrays(&read_npz_bytes(bytes, name)?)
 }
 
 /// A field as named arrays.
-fn to_arrays(saved: &Saved) -> Arrays {
+fn to_arrays(saved: &SavedField) -> Arrays {
     let field = &saved.field;
     let prior = saved.prior_n_per_m.clone();
     let mut arrays = FieldFile { prior, ..FieldFile::from(field) }.to_arrays();
@@ -275,7 +275,7 @@ fn insert_sample_log(arrays: &mut Arrays, snapshot: &Snapshot) {
 }
 
 /// Converts named arrays to a field, and checks that they agree.
-fn from_arrays(arrays: &Arrays) -> Result<Saved, SavedError> {
+fn from_arrays(arrays: &Arrays) -> Result<SavedField, SavedError> {
     let file = FieldFile::from_arrays(arrays)?;
     let path = || arrays.path().display().to_string();
     let foreign = |missing| SavedError::Foreign { path: path(), missing };
@@ -318,7 +318,7 @@ fn from_arrays(arrays: &Arrays) -> Result<Saved, SavedError> {
     if let Some((model, touches)) = elastic::read(arrays, &field.lattice)? {
         (field.elastic, elastic_touches) = (Some(Arc::new(model)), touches);
     }
-    let mut saved = Saved {
+    let mut saved = SavedField {
         field,
         prior_n_per_m: file.prior,
         robot: meta.robot,
@@ -389,7 +389,11 @@ fn remembered(arrays: &Arrays) -> Result<(Vec<RememberedFrame>, usize), SavedErr
 }
 
 /// The state of the mapper in named arrays.
-fn snapshot(arrays: &Arrays, mapper: MapperMeta, saved: &Saved) -> Result<Snapshot, SavedError> {
+fn snapshot(
+    arrays: &Arrays,
+    mapper: MapperMeta,
+    saved: &SavedField,
+) -> Result<Snapshot, SavedError> {
     let (remembered, width) = remembered(arrays)?;
     let state = EstimatorState {
         mean: within(arrays, "state_mean", &[None])?,

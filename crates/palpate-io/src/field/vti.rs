@@ -14,7 +14,7 @@ use super::file::FieldFile;
 use crate::atomic::{self, WriteError};
 
 /// Largest number of points of a grid, which viewers can open; a larger one is refused.
-const MOST_POINTS: u64 = 1 << 31;
+const MAX_POINTS: u64 = 1 << 31;
 
 /// Writes the stiffness of a field, and its standard deviation and counts if it has them.
 ///
@@ -42,7 +42,7 @@ fn fill(out: &mut impl Write, field: &FieldFile) -> io::Result<()> {
     }
     let sides: [u64; 3] = std::array::from_fn(|axis| u64::from(high[axis] - low[axis]) + 1);
     let points: u64 = sides.iter().product();
-    if points > MOST_POINTS {
+    if points > MAX_POINTS {
         return Err(refused(format!("its cells span {points} points; write it as .ply")));
     }
 

@@ -37,7 +37,7 @@ pub struct LogDescription {
     /// Path of the log.
     pub path: PathBuf,
     /// Format of the log.
-    pub format: Format,
+    pub format: LogFormat,
     /// Number of touches, if known before reading.
     pub touches: Option<usize>,
     /// Number of samples in all touches, if known before reading.
@@ -56,7 +56,7 @@ pub struct LogDescription {
 pub enum LoggedTorques {
     /// Not said: they may contain gravity.
     #[default]
-    Unsaid,
+    Unknown,
     /// External torques: gravity has been subtracted.
     External,
     /// Motor currents, A.
@@ -67,7 +67,7 @@ pub enum LoggedTorques {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
-pub enum Format {
+pub enum LogFormat {
     /// One folder with `angles.npy` and `torques.npy`, or a folder of such folders.
     NpyFolder,
     /// One table, or a folder of them.

@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 use palpate::Sample;
 
 use super::error::{LogError, TableError};
-use super::event::{Format, LogDescription, LogEvent, LogWarning, LoggedTorques};
+use super::event::{LogDescription, LogEvent, LogFormat, LogWarning, LoggedTorques};
 use super::options::{CsvColumns, LogOptions};
 use super::reader::Source;
 
 /// One file (or folder of arrays) that is read row by row.
 pub(super) trait TouchFile: Sized + Send {
     /// Format, for the description of the log.
-    const FORMAT: Format;
+    const FORMAT: LogFormat;
 
     /// Opens the file before its first row, and checks everything that can be checked before
     /// reading.

@@ -77,7 +77,7 @@ pub fn unmatched(robot: &[String], log: &[String]) -> (Vec<usize>, usize) {
 type Counted<'a> = BTreeMap<u32, &'a str>;
 
 /// Shortest series of numbered names that is matched by number.
-const LEAST_COUNTED: usize = 4;
+const MIN_COUNTED: usize = 4;
 
 /// The names of the log, in which one series is replaced by the longest series of the robot. `None` if the robot has no
 /// series, or if the log has not exactly one series of that length without the name of a robot.
@@ -105,7 +105,7 @@ fn is_of_any_robot(name: &str) -> bool {
     known.contains(&letters.to_lowercase().as_str())
 }
 
-/// The series of numbered names that start at 0 or 1, have no gap and have at least [`LEAST_COUNTED`] names.
+/// The series of numbered names that start at 0 or 1, have no gap and have at least [`MIN_COUNTED`] names.
 fn counted(names: &[String]) -> Vec<Counted<'_>> {
     let mut series: BTreeMap<(&str, &str), Counted<'_>> = BTreeMap::new();
     for name in names {
@@ -118,7 +118,7 @@ fn counted(names: &[String]) -> Vec<Counted<'_>> {
     let is_whole = |series: &Counted<'_>| {
         let first = *series.keys().next().expect("none is empty");
         let rises = series.keys().zip(first..).all(|(number, wanted)| *number == wanted);
-        series.len() >= LEAST_COUNTED && first <= 1 && rises
+        series.len() >= MIN_COUNTED && first <= 1 && rises
     };
     series.into_values().filter(is_whole).collect()
 }

@@ -51,7 +51,7 @@ use reader::{Reader, Source};
 
 pub use bag::write as bag_write;
 pub use error::{BagError, LogError, TableError};
-pub use event::{Format, Log, LogDescription, LogEvent, LogWarning, LoggedTorques};
+pub use event::{Log, LogDescription, LogEvent, LogFormat, LogWarning, LoggedTorques};
 pub use joints::{JointNameError, reorder, unmatched};
 pub use options::{AngleUnit, CsvColumns, LogOptions};
 pub use palpate::Sample;

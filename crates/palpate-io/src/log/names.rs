@@ -4,13 +4,13 @@ use std::collections::HashMap;
 
 /// The names used so far, all different.
 #[derive(Debug, Default)]
-pub(super) struct Names {
+pub(super) struct UniqueNames {
     given: Vec<String>,
     /// How often each name was requested.
     times: HashMap<String, u32>,
 }
 
-impl Names {
+impl UniqueNames {
     /// Adds a name; if it was used before, a number is appended.
     pub(super) fn start(&mut self, name: &str) {
         let mut unique = name.to_owned();

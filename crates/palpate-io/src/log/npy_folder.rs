@@ -19,7 +19,7 @@ use palpate::Sample;
 use super::MAX_JOINTS;
 use super::columns::{POSITIONS, Spelling, TORQUES, Time};
 use super::error::LogError;
-use super::event::Format;
+use super::event::LogFormat;
 use super::files::{FileDescription, TouchFile};
 use super::folder;
 use super::options::LogOptions;
@@ -111,7 +111,7 @@ pub(super) struct TouchFolder {
 }
 
 impl TouchFile for TouchFolder {
-    const FORMAT: Format = Format::NpyFolder;
+    const FORMAT: LogFormat = LogFormat::NpyFolder;
 
     /// Opens the files of a touch and checks that their shapes agree.
     fn open(folder: &Path, _: &LogOptions) -> Result<Self, LogError> {

@@ -14,7 +14,7 @@ use palpate::Sample;
 use tempfile::TempDir;
 
 use super::folder;
-use super::names::Names;
+use super::names::UniqueNames;
 use crate::atomic;
 use crate::npy::write_header;
 
@@ -23,7 +23,7 @@ use crate::npy::write_header;
 pub struct TableWriter<W: Write> {
     out: ::csv::Writer<W>,
     joints: Option<Vec<String>>,
-    names: Names,
+    names: UniqueNames,
     /// Whether samples have a time, once the header is written.
     timed: Option<bool>,
 }
@@ -33,7 +33,7 @@ impl<W: Write> TableWriter<W> {
     pub fn new(out: W, joints: Option<Vec<String>>) -> Self {
         // The name of a touch may begin like a comment, with `#`: it is then quoted.
         let out = ::csv::WriterBuilder::new().comment(Some(b'#')).from_writer(out);
-        Self { out, joints, names: Names::default(), timed: None }
+        Self { out, joints, names: UniqueNames::default(), timed: None }
     }
 
     /// Starts a touch; a number is appended to a name that was used before.
@@ -96,7 +96,7 @@ pub struct ArraysWriter {
     target: PathBuf,
     hidden: TempDir,
     _lock: File,
-    names: Names,
+    names: UniqueNames,
     touch: Option<Touch>,
 }
 
@@ -116,7 +116,7 @@ impl ArraysWriter {
             target: target.to_owned(),
             hidden,
             _lock: lock,
-            names: Names::default(),
+            names: UniqueNames::default(),
             touch: None,
         })
     }

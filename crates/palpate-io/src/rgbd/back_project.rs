@@ -1,7 +1,7 @@
 //! Converts pixels to points in the world frame, and counts the pixels that are left out.
 
 use super::camera::Camera;
-use super::dropped::Dropped;
+use super::dropped::DroppedPixels;
 use super::error::RgbdError;
 use super::flying::FlyingPixels;
 use super::images::{ColourImage, DepthImage};
@@ -37,7 +37,7 @@ pub struct BackProjection {
     /// The pixel (u, v) of each point.
     pub pixels: Vec<[u32; 2]>,
     /// Numbers of the other pixels.
-    pub dropped: Dropped,
+    pub dropped: DroppedPixels,
 }
 
 /// Converts each pixel that has a depth, and that `config` keeps, to a point in the world frame.
@@ -66,7 +66,7 @@ pub fn back_project(
     check_unit(depth)?;
 
     let (mut points, mut colours, mut pixels) = (Vec::new(), Vec::new(), Vec::new());
-    let mut dropped = Dropped::default();
+    let mut dropped = DroppedPixels::default();
     for v in 0..depth.height() {
         for u in 0..depth.width() {
             match point_at(depth, camera, config, [u, v]) {
@@ -86,8 +86,8 @@ pub fn back_project(
     Ok(BackProjection { cloud: Cloud::new(points, Some(colours)), pixels, dropped })
 }
 
-/// Selects a count of [`Dropped`].
-type Reason = fn(&mut Dropped) -> &mut usize;
+/// Selects a count of [`DroppedPixels`].
+type Reason = fn(&mut DroppedPixels) -> &mut usize;
 
 /// The point of a pixel, or the reason why it is left out.
 fn point_at(
@@ -101,7 +101,7 @@ fn point_at(
     if !(nearest..=farthest).contains(&z) {
         return Err(|dropped| &mut dropped.out_of_range);
     }
-    if config.flying.is_some_and(|flying| flying.hangs(depth, u, v)) {
+    if config.flying.is_some_and(|flying| flying.is_flying(depth, u, v)) {
         return Err(|dropped| &mut dropped.flying);
     }
     let ray = camera.intrinsics.ray([f64::from(u), f64::from(v)]);

@@ -69,7 +69,7 @@ impl Intrinsics {
     /// The ray of a pixel in the camera's frame: a vector with z = 1. `None` where the lens model
     /// has no inverse.
     #[must_use]
-    pub fn ray(&self, pixel: [f64; 2]) -> Option<Vector3<f64>> {
+    pub(crate) fn ray(&self, pixel: [f64; 2]) -> Option<Vector3<f64>> {
         let seen = (Vector2::from(pixel) - self.centre).component_div(&self.focal);
         self.distortion.undistort(seen).map(|ideal| ideal.push(1.0))
     }

@@ -52,7 +52,7 @@ impl Distortion {
     /// The ideal point of a distorted one (`seen`), both on the plane at one metre. `None` where
     /// the model has no inverse, which happens in corners that the calibration did not cover.
     #[must_use]
-    pub fn undistort(&self, seen: Vector2<f64>) -> Option<Vector2<f64>> {
+    pub(crate) fn undistort(&self, seen: Vector2<f64>) -> Option<Vector2<f64>> {
         if self.is_none() {
             return Some(seen);
         }

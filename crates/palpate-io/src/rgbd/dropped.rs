@@ -4,7 +4,7 @@ use std::fmt;
 
 /// Numbers of pixels that were left out; each is counted once, for the first reason that applies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Dropped {
+pub struct DroppedPixels {
     /// Without a depth: zero, negative or not finite.
     pub without_depth: usize,
     /// Outside of the depth range.
@@ -17,7 +17,7 @@ pub struct Dropped {
     pub outside_box: usize,
 }
 
-impl fmt::Display for Dropped {
+impl fmt::Display for DroppedPixels {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { without_depth, out_of_range, flying, beyond_lens, outside_box } = self;
         write!(
@@ -28,7 +28,7 @@ impl fmt::Display for Dropped {
     }
 }
 
-impl Dropped {
+impl DroppedPixels {
     /// Advice for the case that no pixel is left, by the most frequent reason.
     pub(super) fn remedy(&self) -> &'static str {
         let of_most = [

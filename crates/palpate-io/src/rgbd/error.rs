@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::dropped::Dropped;
+use super::dropped::DroppedPixels;
 use crate::input;
 
 /// What can be wrong with images, their camera, or both together.
@@ -38,7 +38,7 @@ pub enum RgbdError {
     DepthUnit { beyond: &'static str, median_m: f64, unit_m: f64 },
     /// No pixel became a point.
     #[error("no pixel is left: {dropped}; {remedy}")]
-    Nothing { dropped: Dropped, remedy: &'static str },
+    Nothing { dropped: DroppedPixels, remedy: &'static str },
 }
 
 /// The formats of [`super::read_pose`] and [`super::pose_from_text`], for an error message.

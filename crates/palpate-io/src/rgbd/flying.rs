@@ -33,7 +33,7 @@ impl Default for FlyingPixels {
 
 impl FlyingPixels {
     /// Whether a pixel is flying; false if it has no depth.
-    pub(super) fn hangs(&self, depth: &DepthImage, u: u32, v: u32) -> bool {
+    pub(super) fn is_flying(&self, depth: &DepthImage, u: u32, v: u32) -> bool {
         let Some(here) = depth.at(u, v) else { return false };
         let same_m = self.same_m_per_m * here;
         let (mut same, mut is_nearer, mut is_farther) = (0, false, false);
@@ -68,7 +68,7 @@ mod tests {
     fn hanging(rows: &[&str]) -> Vec<[u32; 2]> {
         let depth = picture(rows);
         let pixels = (0..depth.height()).flat_map(|v| (0..depth.width()).map(move |u| [u, v]));
-        pixels.filter(|&[u, v]| FlyingPixels::default().hangs(&depth, u, v)).collect()
+        pixels.filter(|&[u, v]| FlyingPixels::default().is_flying(&depth, u, v)).collect()
     }
 
     #[test]

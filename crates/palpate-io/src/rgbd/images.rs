@@ -92,7 +92,7 @@ impl DepthImage {
 
     /// Median over the pixels with a depth, m; `None` if there are none.
     #[must_use]
-    pub fn median_m(&self) -> Option<f64> {
+    pub(crate) fn median_m(&self) -> Option<f64> {
         let mut valid: Vec<f32> = self.metres.iter().copied().filter(is_depth).collect();
         if valid.is_empty() {
             return None;

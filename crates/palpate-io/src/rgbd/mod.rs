@@ -30,7 +30,7 @@ pub use back_project::{BackProjection, BackProjectionConfig, back_project};
 pub use camera::{Camera, Intrinsics};
 pub use camera_file::{CameraFile, read_camera};
 pub use distortion::Distortion;
-pub use dropped::Dropped;
+pub use dropped::DroppedPixels;
 pub use error::RgbdError;
 pub use flying::FlyingPixels;
 pub use image_files::{read_colour, read_depth};

@@ -32,7 +32,7 @@ impl Cache {
     /// The cache in a folder. If other users can write to it, no cache, and a warning with the reason.
     pub(super) fn open(folder: Option<PathBuf>) -> (Self, Option<String>) {
         match folder {
-            Some(folder) if input::is_ones_own(&folder).is_ok_and(|own| !own) => {
+            Some(folder) if input::is_private_to_user(&folder).is_ok_and(|own| !own) => {
                 let why = format!(
                     "the cache folder `{}` is not used: it belongs to another user, or others may \
                      write to it; choose another one (--cache-dir), or take their right away \
@@ -53,7 +53,7 @@ impl Cache {
     pub(super) fn get(&self, key: &Hash) -> Option<(DistanceGrid, BakeReport)> {
         let path = self.path(key)?;
         let bytes = input::read(&path, MAX_BYTES).ok()?;
-        if !input::is_ones_own(path.parent()?).ok()? {
+        if !input::is_private_to_user(path.parent()?).ok()? {
             return None; // the folder was created by another user after `open`
         }
         let (content, seal) = bytes.split_last_chunk::<32>()?;

@@ -10,9 +10,9 @@ use super::otsu::otsu;
 
 /// Young's modulus of a soft cushion before any touch, Pa.
 const FOAM_MODULUS_PA: f64 = 2e3;
-/// Width of a block, m; it is larger if there were more than [`MOST_BLOCKS`].
+/// Width of a block, m; it is larger if there were more than [`MAX_BLOCKS`].
 const WIDTH_M: f64 = 0.04;
-const MOST_BLOCKS: f64 = 400.0;
+const MAX_BLOCKS: f64 = 400.0;
 /// Fewest points of a block, as a share of the median number of points per block.
 const FEWEST: f64 = 0.2;
 /// The top of a block is fitted to its points above their 90th percentile of height minus this, m.
@@ -27,7 +27,7 @@ const EDGE_M: f64 = 0.004;
 /// as from light that falls from one side, cut in two explains 0.75.
 const TWO_COLOURS: f64 = 0.85;
 /// Least share of the blocks for each of two materials.
-const FEWEST_OF_COLOUR: f64 = 0.1;
+const MIN_OF_COLOUR: f64 = 0.1;
 
 /// Blocks from the lowest seen height up; `branch` is the index of the material. None if nothing is above the ground.
 pub(super) fn blocks(points: &[Point3<f64>], colours: &[[u8; 3]]) -> Vec<Segment> {
@@ -36,7 +36,7 @@ pub(super) fn blocks(points: &[Point3<f64>], colours: &[[u8; 3]]) -> Vec<Segment
         (low.inf(&point.coords), high.sup(&point.coords))
     });
     let area = (high.x - low.x) * (high.y - low.y);
-    let width_m = f64::max(WIDTH_M, (area / MOST_BLOCKS).sqrt());
+    let width_m = f64::max(WIDTH_M, (area / MAX_BLOCKS).sqrt());
     let mut columns: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
     for (number, point) in points.iter().enumerate() {
         let place = [point.x - low.x, point.y - low.y].map(|way| (way / width_m) as i64);
@@ -123,6 +123,6 @@ fn materials(shades: &[Vector3<f64>]) -> Vec<u32> {
     }
     let total: f64 = along.iter().map(|along| along * along).sum();
     let between: f64 = [0, 1].map(|c| sums[c] * sums[c] / f64::max(counts[c], 1.0)).iter().sum();
-    let are_two = between > TWO_COLOURS * total && counts.iter().all(|&c| c > FEWEST_OF_COLOUR * n);
+    let are_two = between > TWO_COLOURS * total && counts.iter().all(|&c| c > MIN_OF_COLOUR * n);
     if are_two { classes } else { one }
 }

@@ -23,7 +23,7 @@ const GROWTH_STD_M: f64 = 0.0002;
 /// Longer branches are not fitted, m: plants have none, and time grows with the cube of the length.
 const LONGEST_M: f64 = 3.0;
 /// Most points per ten centimetres of a branch.
-const MOST_POINTS: f64 = 350.0;
+const MAX_POINTS: f64 = 350.0;
 /// Most steps, and the change below which the fit has converged, m.
 const STEPS: usize = 12;
 const SETTLED_M: f64 = 1e-5;
@@ -45,7 +45,7 @@ pub(super) fn fit(
     if points.len() < 8 || !(0.01..LONGEST_M).contains(&length) {
         return None;
     }
-    let most = (MOST_POINTS * f64::max(1.0, length / 0.1)) as usize;
+    let most = (MAX_POINTS * f64::max(1.0, length / 0.1)) as usize;
     let points: Vec<Point3<f64>> =
         points.iter().step_by(points.len().div_ceil(most)).copied().collect();
     let pieces = ((length / STEP_M).round() as usize).max(1);

@@ -46,16 +46,16 @@ pub const WOOD_MODULUS_PA: f64 = 4.8e8;
 /// Length of a segment, m; twice as long in stems.
 const SEGMENT_M: f64 = 0.03;
 /// Larger clouds are thinned to one point in a cube of [`THINNED_M`].
-const MOST_POINTS: usize = 60_000;
+const MAX_POINTS: usize = 60_000;
 const THINNED_M: f64 = 0.0015;
 /// A tube that starts nearer than this to its root is not extended to it, m.
 const NO_LEAD_M: f64 = 0.005;
 /// Largest share of unexplained points at which a cloud counts as a plant.
-const MOST_UNEXPLAINED: f64 = 0.4;
+const MAX_UNEXPLAINED: f64 = 0.4;
 
 /// The coloured points of one camera.
 #[derive(Debug, Clone, Copy)]
-pub struct Picture<'a> {
+pub struct ObjectCloud<'a> {
     /// Points, world frame, m.
     pub points: &'a [Point3<f64>],
     /// Colours, sRGB, one for each point.
@@ -96,7 +96,7 @@ impl ObjectHints {
 /// # Panics
 ///
 /// If a picture does not have one colour for each point.
-pub fn readings(pictures: &[Picture<'_>], hints: &ObjectHints) -> Vec<ElasticBody> {
+pub fn candidate_bodies(pictures: &[ObjectCloud<'_>], hints: &ObjectHints) -> Vec<ElasticBody> {
     let all: Vec<SeenPoint> = seen_points(pictures);
     let points: Vec<Point3<f64>> = all.iter().map(|seen| seen.place).collect();
     let kind = hints.kind();
@@ -106,7 +106,7 @@ pub fn readings(pictures: &[Picture<'_>], hints: &ObjectHints) -> Vec<ElasticBod
     {
         for body in Joining::ALL.iter().filter_map(|how| cloud.body(how, &hints.roots_m)) {
             let explains =
-                kind == Some(ObjectKind::Plant) || unexplained(&body, &points) <= MOST_UNEXPLAINED;
+                kind == Some(ObjectKind::Plant) || unexplained(&body, &points) <= MAX_UNEXPLAINED;
             if explains && !bodies.contains(&body) {
                 bodies.push(body);
             }
@@ -142,8 +142,8 @@ struct SeenPoint {
     picture: usize,
 }
 
-fn seen_points(pictures: &[Picture<'_>]) -> Vec<SeenPoint> {
-    let of_picture = |(number, picture): (usize, &Picture<'_>)| -> Vec<SeenPoint> {
+fn seen_points(pictures: &[ObjectCloud<'_>]) -> Vec<SeenPoint> {
+    let of_picture = |(number, picture): (usize, &ObjectCloud<'_>)| -> Vec<SeenPoint> {
         assert_eq!(picture.points.len(), picture.colours.len(), "a colour for each point");
         let points = picture.points.iter().zip(picture.colours);
         points.map(|(&place, &colour)| SeenPoint { place, colour, picture: number }).collect()
@@ -159,7 +159,7 @@ struct Cloud {
 }
 
 impl Cloud {
-    fn new(pictures: &[Picture<'_>], all: &[SeenPoint]) -> Option<Self> {
+    fn new(pictures: &[ObjectCloud<'_>], all: &[SeenPoint]) -> Option<Self> {
         let kept = thinned(all);
         let (points, colours): (Vec<_>, Vec<_>) =
             kept.iter().map(|seen| (seen.place, seen.colour)).unzip();
@@ -173,7 +173,7 @@ impl Cloud {
         if wood.is_empty() {
             return None;
         }
-        let view = |(number, picture): (usize, &Picture<'_>)| {
+        let view = |(number, picture): (usize, &ObjectCloud<'_>)| {
             let own = kept.iter().filter(|seen| seen.picture == number).map(|seen| seen.place);
             let own: Vec<Point3<f64>> = own.collect();
             View::new(&own, picture.viewpoint.unwrap_or_else(|| guess_viewpoint(&own)))
@@ -208,7 +208,7 @@ impl Cloud {
 
 /// The points; of large clouds, only the first point of each picture in each small cube.
 fn thinned(all: &[SeenPoint]) -> Vec<SeenPoint> {
-    if all.len() <= MOST_POINTS {
+    if all.len() <= MAX_POINTS {
         return all.to_vec();
     }
     let mut taken = HashSet::new();

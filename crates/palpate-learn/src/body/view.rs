@@ -112,9 +112,9 @@ fn pixel(seen: &ImmutableKdTree<f64, 2>, slopes: &[[f64; 2]]) -> f64 {
 pub fn guess_viewpoint(points: &[Point3<f64>]) -> Point3<f64> {
     const DIRECTIONS: u32 = 200;
     const DISTANCES_M: [f64; 3] = [0.8, 1.2, 2.0];
-    const MOST_POINTS: usize = 15_000;
+    const MAX_POINTS: usize = 15_000;
     let points: Vec<Point3<f64>> =
-        points.iter().step_by(points.len().div_ceil(MOST_POINTS).max(1)).copied().collect();
+        points.iter().step_by(points.len().div_ceil(MAX_POINTS).max(1)).copied().collect();
     let n = points.len().max(1) as f64;
     let centre = Point3::from(points.iter().map(|point| point.coords).sum::<Vector3<f64>>() / n);
     let size_m = points.iter().map(|point| (point - centre).norm()).fold(0.0, f64::max);

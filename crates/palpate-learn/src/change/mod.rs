@@ -31,12 +31,12 @@ use serde::{Deserialize, Serialize};
 use crate::calibrate::{PredictedFrame, misfit};
 use crate::error::{LearnError, Stop};
 use crate::field_rows::FieldRows;
-use crate::tracked::{Tracked, TrackedFrame, TrackedTouch};
-use moved::{Motion, Sampler, Wanted};
+use crate::tracked::{TrackedFrame, TrackedTouch, TrackedTouches};
+use moved::{ObjectMotion, Sampler, Wanted};
 use repeated::{Learnt, Repeated};
 
 /// With a smaller share of known contacts, touches that repeat nothing give [`Change::Unknown`].
-const LEAST_KNOWN: f64 = 0.1;
+const MIN_KNOWN: f64 = 0.1;
 /// Smallest share of known contacts at which a factor is accepted as the change. Below it, touches that contradict a
 /// field which predicts part of their torque give [`Change::Unknown`].
 const MOSTLY_KNOWN: f64 = 0.6;
@@ -54,7 +54,7 @@ const LEAVES_MOVED_REPEATED: f64 = 2.0;
 /// squared torque.
 const EXACTLY: [f64; 2] = [0.01, 0.05];
 /// Smaller misfits count as this.
-const LEAST_MISFIT: f64 = 1e-3;
+const MIN_MISFIT: f64 = 1e-3;
 /// Fewest held-out touches with known misfits.
 const FEWEST: usize = 3;
 /// A squared error up to this factor of the noise may be noise, since the tare of a touch determines the noise roughly.
@@ -71,7 +71,7 @@ pub enum Change {
     /// The touches show no change.
     Unchanged,
     /// The object was moved.
-    Moved(Motion),
+    Moved(ObjectMotion),
     /// The object is softer where touches contradict the field.
     Softer {
         /// Torque over expected torque, below 1; 0 if nothing is in the way any more.
@@ -113,7 +113,7 @@ pub struct Comparison {
     /// Errors of the explanations.
     pub error: RelativeErrors,
     /// Where torques are outside of their bands; only for touches that contradict the field.
-    pub place: Option<Place>,
+    pub place: Option<ContradictedRegion>,
 }
 
 /// Errors relative to those of predicting zero, as root mean squares over frames in contact; `None` without torques.
@@ -134,7 +134,7 @@ pub struct RelativeErrors {
 /// Where the object contradicts the field: the touched cells of frames outside of their bands, weighted by the
 /// stiffness in the field.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Place {
+pub struct ContradictedRegion {
     /// Mean position, m, world frame.
     pub centre_m: [f64; 3],
     /// Root mean square distance of the cells from the centre, m.
@@ -152,9 +152,9 @@ pub struct Place {
 ///
 /// If the field has no bands for these joints or too few misfits, or on being stopped.
 pub fn compare(
-    (arm, tracked): (&Arm, &Tracked),
+    (arm, tracked): (&Arm, &TrackedTouches),
     field: &Field,
-    learnt: Option<&Tracked>,
+    learnt: Option<&TrackedTouches>,
     stop: Stop<'_>,
 ) -> Result<(Vec<Comparison>, Comparison), LearnError> {
     let calibration = field
@@ -171,7 +171,7 @@ pub fn compare(
 
 /// New touches and a field, for comparisons.
 struct Beside<'a> {
-    tracked: &'a Tracked,
+    tracked: &'a TrackedTouches,
     calibration: &'a Calibration,
     sampler: Sampler,
     rows: FieldRows,
@@ -182,7 +182,7 @@ struct Beside<'a> {
 }
 
 impl<'a> Beside<'a> {
-    fn of(tracked: &'a Tracked, field: &Field, calibration: &'a Calibration) -> Self {
+    fn of(tracked: &'a TrackedTouches, field: &Field, calibration: &'a Calibration) -> Self {
         let rows = FieldRows::of(tracked, field, calibration.untouched_std_n_per_m);
         let of =
             |touch: &TrackedTouch| touch.in_contact().map(|frame| rows.predicted(frame)).collect();
@@ -237,7 +237,7 @@ impl<'a> Beside<'a> {
         };
         let predicts = sums.scaled().0 > PREDICTS_NOTHING;
         let is_little =
-            known < LEAST_KNOWN || (contradiction > 1.0 && known < MOSTLY_KNOWN && predicts);
+            known < MIN_KNOWN || (contradiction > 1.0 && known < MOSTLY_KNOWN && predicts);
         if repeated.is_empty() && is_little {
             comparison.change = Change::Unknown;
         } else if contradiction > 1.0 {
@@ -298,10 +298,10 @@ impl<'a> Beside<'a> {
         touches: &[usize],
         repeat: bool,
         stop: Stop<'_>,
-    ) -> Result<(Motion, f64), LearnError> {
+    ) -> Result<(ObjectMotion, f64), LearnError> {
         let frames: usize = touches.iter().map(|touch| self.frames(*touch, repeat).count()).sum();
         let every = (frames / (FRAMES * touches.len())).max(1);
-        let of = |motion: Motion| {
+        let of = |motion: ObjectMotion| {
             let wanted = touches.iter().flat_map(|touch| self.wanted(*touch, repeat, motion));
             let some: Vec<Wanted<'_>> = wanted.step_by(every).collect();
             let mean = moved::error(self.tracked, &some, &self.sampler, motion) / some.len() as f64;
@@ -319,7 +319,7 @@ impl<'a> Beside<'a> {
 
     /// The torques that the field of the moved object should predict for these frames: the measured ones; if `repeat`,
     /// minus the residual of the field in the earlier frames that they repeat.
-    fn wanted(&self, touch: usize, repeat: bool, motion: Motion) -> Vec<Wanted<'_>> {
+    fn wanted(&self, touch: usize, repeat: bool, motion: ObjectMotion) -> Vec<Wanted<'_>> {
         let frames = self.frames(touch, repeat).map(|frame| &frame.observation);
         match self.repeated[touch].as_ref().filter(|_| repeat) {
             Some(repeated) => frames.zip(repeated.wanted(motion)).collect(),
@@ -332,7 +332,7 @@ impl<'a> Beside<'a> {
         let misfits: Vec<[f64; 2]> =
             touches.iter().filter_map(|touch| misfit(self.calibration, touch)).collect();
         let of = |kind: usize| {
-            let logs = misfits.iter().map(|own| own[kind].max(LEAST_MISFIT).ln());
+            let logs = misfits.iter().map(|own| own[kind].max(MIN_MISFIT).ln());
             (logs.sum::<f64>() / misfits.len() as f64).exp() / self.limit(kind, misfits.len())
         };
         if misfits.is_empty() { 0.0 } else { f64::max(of(0), of(1)) }
@@ -341,7 +341,7 @@ impl<'a> Beside<'a> {
     /// Limit of the mean misfit of a kind: one in eighty groups of this many unchanged touches exceeds it, if
     /// logarithms of misfits are normally distributed (a prediction limit from the held-out touches).
     fn limit(&self, kind: usize, touches: usize) -> f64 {
-        let logs = self.calibration.misfits.iter().map(|own| own[kind].max(LEAST_MISFIT).ln());
+        let logs = self.calibration.misfits.iter().map(|own| own[kind].max(MIN_MISFIT).ln());
         let logs: Vec<f64> = logs.collect();
         let n = logs.len() as f64;
         let mean = logs.iter().sum::<f64>() / n;
@@ -353,7 +353,7 @@ impl<'a> Beside<'a> {
     fn place<'f>(
         &self,
         frames: impl Iterator<Item = (&'f TrackedFrame, &'f PredictedFrame)>,
-    ) -> Option<Place> {
+    ) -> Option<ContradictedRegion> {
         let q = self.calibration.at(self.calibration.default_level())?;
         let mut weights = vec![0.0; self.rows.cells.len()];
         for (frame, predicted) in frames {
@@ -373,7 +373,11 @@ impl<'a> Beside<'a> {
         };
         let square: f64 = points().map(|(point, weight)| weight * apart(point)).sum();
         let cells = weights.iter().filter(|weight| **weight > 0.0).count();
-        (cells > 0).then(|| Place { centre_m, radius_m: (square / total).sqrt(), cells })
+        (cells > 0).then(|| ContradictedRegion {
+            centre_m,
+            radius_m: (square / total).sqrt(),
+            cells,
+        })
     }
 }
 
@@ -421,7 +425,7 @@ impl Sums {
     /// to a motion. `moved` and `scaled` are the squared errors that remain with the motion and the factor.
     fn change(
         &self,
-        (motion, moved): (Motion, f64),
+        (motion, moved): (ObjectMotion, f64),
         (factor, scaled): (f64, f64),
         [is_known, repeats]: [bool; 2],
     ) -> Change {
@@ -484,7 +488,7 @@ mod tests {
     #[test]
     fn a_motion_may_leave_more_than_a_factor_only_where_touches_repeat_others() {
         let sums = Sums { error: 100.0, measured: 60.0, ..Sums::default() };
-        let motion = Motion { shift_m: [0.03, 0.0, 0.0], turn_rad: 0.0, about_m: [0.0; 2] };
+        let motion = ObjectMotion { shift_m: [0.03, 0.0, 0.0], turn_rad: 0.0, about_m: [0.0; 2] };
         let word = |moved: f64, scaled: f64, repeats: bool| {
             sums.change((motion, moved), (0.4, scaled), [true, repeats])
         };

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{LearnError, Stop, unless_stopped};
-use crate::tracked::Tracked;
+use crate::tracked::TrackedTouches;
 
 /// Limits of the search: horizontal shift, m, and turn, rad.
 const FARTHEST_M: f64 = 0.06;
@@ -27,7 +27,7 @@ const HALVINGS: usize = 5;
 
 /// A motion of an object: turned about the vertical through a point, then shifted.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Motion {
+pub struct ObjectMotion {
     /// Shift, m, world frame.
     pub shift_m: [f64; 3],
     /// Turn about z, rad.
@@ -36,9 +36,9 @@ pub struct Motion {
     pub about_m: [f64; 2],
 }
 
-impl Motion {
+impl ObjectMotion {
     /// Whether the motion is at the limit of the search, so that the true one may be larger.
-    pub fn is_least(&self) -> bool {
+    pub fn is_at_search_bound(&self) -> bool {
         let [x, y, _] = self.shift_m;
         x.hypot(y) > 0.97 * FARTHEST_M || self.turn_rad.abs() > 0.97 * LARGEST_TURN
     }
@@ -123,10 +123,10 @@ pub(super) type Wanted<'a> = (&'a Observation, DVector<f64>);
 
 /// Sum of the squared errors of frames under a motion of the object, (N·m)².
 pub(super) fn error(
-    tracked: &Tracked,
+    tracked: &TrackedTouches,
     frames: &[Wanted<'_>],
     sampler: &Sampler,
-    motion: Motion,
+    motion: ObjectMotion,
 ) -> f64 {
     let mut met = vec![false; tracked.cells.len()];
     frames.iter().flat_map(|(frame, _)| frame.rows()).for_each(|row| met[row] = true);
@@ -147,10 +147,11 @@ pub(super) fn error(
 /// On being stopped.
 pub(super) fn best(
     about_m: [f64; 2],
-    of: &(dyn Fn(Motion) -> f64 + Sync),
+    of: &(dyn Fn(ObjectMotion) -> f64 + Sync),
     stop: Stop<'_>,
-) -> Result<Motion, LearnError> {
-    let motion = |[x, y, z, turn]: [f64; 4]| Motion { shift_m: [x, y, z], turn_rad: turn, about_m };
+) -> Result<ObjectMotion, LearnError> {
+    let motion =
+        |[x, y, z, turn]: [f64; 4]| ObjectMotion { shift_m: [x, y, z], turn_rad: turn, about_m };
     let of = |at: [f64; 4]| of(motion(at));
     let steps =
         [FARTHEST_M, FARTHEST_M, HIGHEST_M, LARGEST_TURN].map(|most| most / f64::from(GRID));
@@ -208,7 +209,7 @@ fn refine(
 
 /// The field of the object after a motion: stiffness and standard deviation by linear interpolation between cells. Cells
 /// with less than half of their interpolation weight on known cells are left out.
-pub fn moved(field: &Field, motion: Motion) -> Field {
+pub fn moved(field: &Field, motion: ObjectMotion) -> Field {
     let rows = CellRows::of(field.lattice.clone(), &field.cells);
     let mut cells: Vec<CellId> = (field.cells.iter())
         .flat_map(|cell| {

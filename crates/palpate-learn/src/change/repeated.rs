@@ -18,9 +18,9 @@ use palpate::{Arm, Field};
 use crate::calibrate::PredictedFrame;
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::field_rows::FieldRows;
-use crate::tracked::{Tracked, TrackedFrame, TrackedTouch};
+use crate::tracked::{TrackedFrame, TrackedTouch, TrackedTouches};
 
-use super::moved::Motion;
+use super::moved::ObjectMotion;
 
 /// The touches that a field has learnt.
 pub(super) struct Learnt {
@@ -48,12 +48,17 @@ struct ContactPoint {
 impl ContactPoint {
     /// The contact point in the frame with the largest torque: the mean of the touched cells, weighted by their
     /// stiffness, on the link nearest to it. `None` without contact.
-    fn of(arm: &Arm, touch: &TrackedTouch, tracked: &Tracked, rows: &FieldRows) -> Option<Self> {
+    fn of(
+        arm: &Arm,
+        touch: &TrackedTouch,
+        tracked: &TrackedTouches,
+        rows: &FieldRows,
+    ) -> Option<Self> {
         let torque = |frame: &TrackedFrame| frame.observation.tau().norm();
         let most = touch.in_contact().max_by(|a, b| torque(a).total_cmp(&torque(b)))?;
         let (mut sum, mut total) = (Vector3::zeros(), 0.0);
         for row in most.observation.rows() {
-            let weight = rows.estimates[row].stiffness_n_per_m + LEAST_STIFFNESS_N_PER_M;
+            let weight = rows.estimates[row].stiffness_n_per_m + MIN_STIFFNESS_N_PER_M;
             sum += weight * Vector3::from(tracked.points_m[row]);
             total += weight;
         }
@@ -92,7 +97,7 @@ impl Repeated<'_> {
 
     /// For each frame, the torque that the moved field should predict, n_joints, N·m: the measured torque minus the
     /// field's residual in the earlier frame at the same place of the object.
-    pub(super) fn wanted(&self, motion: Motion) -> impl Iterator<Item = DVector<f64>> {
+    pub(super) fn wanted(&self, motion: ObjectMotion) -> impl Iterator<Item = DVector<f64>> {
         let [now, then] = &self.places;
         let apart_m = |now: &Point3<f64>| {
             let before = motion.back(now);
@@ -111,13 +116,13 @@ const MATCHED: usize = 150;
 /// Smallest share of matched frames that must be close for a touch to be a repetition.
 const CLOSE: f64 = 0.9;
 /// Weight of a cell without stiffness in the contact point, N/m.
-const LEAST_STIFFNESS_N_PER_M: f64 = 1e-6;
+const MIN_STIFFNESS_N_PER_M: f64 = 1e-6;
 
 impl Learnt {
     /// `tracked` are the learnt touches, under the lattice and contact model of the field.
     pub(super) fn new(
         arm: &Arm,
-        tracked: &Tracked,
+        tracked: &TrackedTouches,
         field: &Field,
         untouched_std_n_per_m: f64,
     ) -> Self {

@@ -6,20 +6,20 @@ use palpate::unstable::{ElasticBody, ElasticModel};
 use palpate::{Arm, MapperConfig, Sample};
 
 use super::model;
-use super::simulated::{BodyTorques, Settled};
+use super::simulated::{BodyTorques, ConvergenceCounts};
 use crate::error::{LearnError, Stop};
-use crate::tracked::{Touch, Tracked};
+use crate::tracked::{TouchSamples, TrackedTouches};
 
 /// Learns an object's elastic body from touches. Simulated torques are kept, so that only new touches are simulated.
 #[derive(Debug, Clone)]
-pub struct BodyLearner {
+pub struct ElasticBodyLearner {
     arm: Arc<Arm>,
     config: MapperConfig,
-    touches: Vec<Touch>,
+    touches: Vec<TouchSamples>,
     torques: Arc<BodyTorques>,
 }
 
-impl BodyLearner {
+impl ElasticBodyLearner {
     /// A learner without touches. `bodies` are alternatives for the same object, the most likely first.
     ///
     /// # Panics
@@ -36,7 +36,7 @@ impl BodyLearner {
     }
 
     /// How often the simulation of the bodies converged.
-    pub fn settled(&self) -> Settled {
+    pub fn settled(&self) -> ConvergenceCounts {
         self.torques.settled
     }
 
@@ -57,7 +57,7 @@ impl BodyLearner {
         let before = self.touches.len();
         for samples in more {
             let name = format!("touch {} (from 0)", self.touches.len());
-            self.touches.push(Touch { name, samples, truth: None });
+            self.touches.push(TouchSamples { name, samples, truth: None });
         }
         let learnt = self.learn_all((stop, step));
         if learnt.is_err() {
@@ -72,7 +72,7 @@ impl BodyLearner {
         (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
     ) -> Result<ElasticModel, LearnError> {
         let touches = &self.touches[..];
-        let mut tracked = Tracked::new(&self.arm, &self.config, touches, stop)?;
+        let mut tracked = TrackedTouches::new(&self.arm, &self.config, touches, stop)?;
         let all: Vec<usize> = (0..touches.len()).collect();
         let torques = Arc::make_mut(&mut self.torques);
         let training = std::slice::from_ref(&all);

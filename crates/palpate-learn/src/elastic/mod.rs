@@ -3,7 +3,7 @@
 //! The torque of an elastic body is proportional to its stiffness: a touch is simulated once, and the
 //! stiffness factor is fitted afterwards. If several trees stand side by side, each has its own factor,
 //! regularised towards the common one. Friction changes how the body moves, so every touch is
-//! simulated with each of a few contacts ([`CONTACTS`]); the one that explains the training touches
+//! simulated with each of a few contacts ([`CONTACT_CANDIDATES`]); the one that explains the training touches
 //! best is kept. If a cloud allows several bodies, their torques are averaged, each with the weight
 //! error⁻⁸, where the error is that on the training touches. The residual torque is learnt by `map`.
 //!
@@ -24,18 +24,18 @@ mod stiffness;
 
 use nalgebra::DVector;
 use palpate::MapperConfig;
-use palpate::unstable::{Cell, ElasticContactConfig, ElasticModel, Estimator, FrameId};
+use palpate::unstable::{CellState, ElasticContactConfig, ElasticModel, Estimator, FrameId};
 
 use self::stiffness::{touch_error, with_torque};
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::folds::Fold;
-use crate::method::Torques;
-use crate::tracked::Tracked;
+use crate::method::TorquesByTouch;
+use crate::tracked::TrackedTouches;
 
-pub use self::learner::BodyLearner;
+pub use self::learner::ElasticBodyLearner;
 pub(crate) use self::simulated::BodyTorques;
-pub use self::simulated::{CONTACTS, Settled, steps};
-pub use self::stiffness::Constants;
+pub use self::simulated::{CONTACT_CANDIDATES, ConvergenceCounts, steps};
+pub use self::stiffness::ElasticParameters;
 
 /// Weights of the three predictions; they sum to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,9 +61,9 @@ impl Weights {
 #[derive(Debug, Clone)]
 pub struct Predicted {
     /// Predicted torques of the test touches.
-    pub torques: Torques,
+    pub torques: TorquesByTouch,
     /// Contact and stiffness of the body.
-    pub constants: Constants,
+    pub constants: ElasticParameters,
     /// Weights of field, body and both in the prediction.
     pub weights: Weights,
 }
@@ -72,10 +72,10 @@ pub struct Predicted {
 /// they were learnt.
 struct Learner<'a> {
     body: &'a BodyTorques,
-    tracked: &'a Tracked,
+    tracked: &'a TrackedTouches,
     config: &'a MapperConfig,
     /// `None` for the field alone, without a body.
-    constants: Option<Constants>,
+    constants: Option<ElasticParameters>,
     estimator: Box<dyn Estimator>,
     /// Sum over touches of the average relative error.
     error: f64,
@@ -83,20 +83,20 @@ struct Learner<'a> {
 
 impl<'a> Learner<'a> {
     fn new(
-        (body, tracked): (&'a BodyTorques, &'a Tracked),
+        (body, tracked): (&'a BodyTorques, &'a TrackedTouches),
         config: &'a MapperConfig,
-        constants: Option<Constants>,
+        constants: Option<ElasticParameters>,
     ) -> Result<Self, LearnError> {
         let estimator = config.estimator(tracked.n_joints)?;
         Ok(Self { body, tracked, config, constants, estimator, error: 0.0 })
     }
 
-    fn cells(&self) -> Vec<Cell> {
+    fn cells(&self) -> Vec<CellState> {
         self.tracked.with_stiffness(|row| self.estimator.stiffness(row))
     }
 
     /// Torque of body and field in a frame, n_joints, N·m.
-    fn torque(&self, cells: &[Cell], touch: usize, frame: usize) -> DVector<f64> {
+    fn torque(&self, cells: &[CellState], touch: usize, frame: usize) -> DVector<f64> {
         let field = self.tracked.touches[touch].frames[frame].predict(cells);
         DVector::from_vec(field) + self.of_body(touch, frame)
     }
@@ -142,13 +142,13 @@ impl<'a> Learner<'a> {
 struct Lesson<'a> {
     field: Learner<'a>,
     both: Learner<'a>,
-    constants: Constants,
+    constants: ElasticParameters,
     weights: Weights,
 }
 
 impl<'a> Lesson<'a> {
     fn learn(
-        tracked: &'a Tracked,
+        tracked: &'a TrackedTouches,
         touches: &[usize],
         config: &'a MapperConfig,
         stop: Stop<'_>,
@@ -183,9 +183,9 @@ impl<'a> Lesson<'a> {
 ///
 /// # Panics
 ///
-/// If the touches were tracked without a body ([`Tracked::with_bodies`]).
+/// If the touches were tracked without a body ([`TrackedTouches::with_bodies`]).
 pub fn predict(
-    tracked: &Tracked,
+    tracked: &TrackedTouches,
     fold: &Fold,
     config: &MapperConfig,
     stop: Stop<'_>,
@@ -217,7 +217,7 @@ pub fn predict(
 ///
 /// As [`predict`].
 pub fn model(
-    tracked: &Tracked,
+    tracked: &TrackedTouches,
     touches: &[usize],
     config: &MapperConfig,
     stop: Stop<'_>,

@@ -8,13 +8,13 @@ use palpate::{Arm, MapperError, RobotError};
 use rayon::prelude::*;
 
 use crate::error::{LearnError, Stop, unless_stopped};
-use crate::tracked::{Touch, Tracked};
+use crate::tracked::{TouchSamples, TrackedTouches};
 
 /// Contacts between arm and body that are tried: friction, and creep, s
 /// ([`ElasticContactConfig::creep_s`]).
-pub const CONTACTS: [[f64; 2]; 6] =
+pub const CONTACT_CANDIDATES: [[f64; 2]; 6] =
     [[0.15, 0.0], [0.4, 0.0], [0.8, 0.0], [0.15, 1e-4], [0.4, 1e-4], [0.8, 1e-4]];
-/// Torques by touch and frame of [`Tracked`]: n_joints × trees of the body, N·m at a stiffness factor of 1.
+/// Torques by touch and frame of [`TrackedTouches`]: n_joints × trees of the body, N·m at a stiffness factor of 1.
 pub(super) type Simulated = Vec<Vec<DMatrix<f64>>>;
 
 /// Index in [`CONTACTS`] of the contact that is assumed before any touch.
@@ -29,12 +29,12 @@ pub(crate) struct BodyTorques {
     /// with those that training touches choose.
     simulated: Vec<Vec<Simulated>>,
     /// Convergence of the simulations so far.
-    pub(crate) settled: Settled,
+    pub(crate) settled: ConvergenceCounts,
 }
 
 /// How often the simulation of a body converged to rest.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Settled {
+pub struct ConvergenceCounts {
     /// Simulated samples; a sample counts once for each contact and body.
     pub samples: u64,
     /// Samples in which the most iterations were reached before the body was at rest; their torque is that
@@ -44,15 +44,15 @@ pub struct Settled {
 
 /// Number of calls of `step` for the simulation of `bodies` along `touches`.
 pub fn steps(touches: usize, bodies: usize) -> usize {
-    touches * (CONTACTS.len() + bodies.saturating_sub(1))
+    touches * (CONTACT_CANDIDATES.len() + bodies.saturating_sub(1))
 }
 
 impl BodyTorques {
     /// These bodies, without touches.
     pub(crate) fn new(bodies: &[Arc<ElasticBody>]) -> Self {
         assert!(!bodies.is_empty(), "the caller gave a body");
-        let simulated = vec![vec![Vec::new(); bodies.len()]; CONTACTS.len()];
-        Self { bodies: bodies.to_vec(), simulated, settled: Settled::default() }
+        let simulated = vec![vec![Vec::new(); bodies.len()]; CONTACT_CANDIDATES.len()];
+        Self { bodies: bodies.to_vec(), simulated, settled: ConvergenceCounts::default() }
     }
 
     /// Simulates the touches that are new, in parallel; the result does not depend on the number of
@@ -61,11 +61,12 @@ impl BodyTorques {
     pub(crate) fn extend(
         &mut self,
         arm: &Arc<Arm>,
-        (tracked, touches): (&Tracked, &[Touch]),
+        (tracked, touches): (&TrackedTouches, &[TouchSamples]),
         training: &[Vec<usize>],
         (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
     ) -> Result<(), LearnError> {
-        let first: Vec<[usize; 2]> = (0..CONTACTS.len()).map(|contact| [contact, 0]).collect();
+        let first: Vec<[usize; 2]> =
+            (0..CONTACT_CANDIDATES.len()).map(|contact| [contact, 0]).collect();
         let bodies = self.bodies.len();
         self.simulate(arm, (tracked, touches), &first, (stop, &|_| step()))?;
         let chosen = training.par_iter().map(|touches| self.contact(tracked, touches).0);
@@ -87,7 +88,7 @@ impl BodyTorques {
     fn simulate(
         &mut self,
         arm: &Arc<Arm>,
-        (tracked, touches): (&Tracked, &[Touch]),
+        (tracked, touches): (&TrackedTouches, &[TouchSamples]),
         wanted: &[[usize; 2]],
         (stop, step): (Stop<'_>, &(dyn Fn(usize) + Sync)),
     ) -> Result<(), LearnError> {
@@ -97,7 +98,7 @@ impl BodyTorques {
         };
         let jobs: Vec<[usize; 3]> = wanted.iter().flat_map(missing).collect();
         let simulate = |&[contact, body, touch]: &[usize; 3]| {
-            let [friction, creep_s] = CONTACTS[contact];
+            let [friction, creep_s] = CONTACT_CANDIDATES[contact];
             let config =
                 ElasticContactConfig { friction, creep_s, ..ElasticContactConfig::default() };
             let body = Arc::clone(&self.bodies[body]);
@@ -141,13 +142,13 @@ impl BodyTorques {
 /// The body's torque in the frames of a touch.
 fn follow(
     mut equilibrium: Equilibrium,
-    (number, touch): (usize, &Touch),
-    tracked: &Tracked,
+    (number, touch): (usize, &TouchSamples),
+    tracked: &TrackedTouches,
     stop: Stop<'_>,
-) -> Result<(Vec<DMatrix<f64>>, Settled), LearnError> {
+) -> Result<(Vec<DMatrix<f64>>, ConvergenceCounts), LearnError> {
     let frames = &tracked.touches[number].frames;
     let mut torques = Vec::with_capacity(frames.len());
-    let mut settled = Settled { samples: 0, unsettled: 0 };
+    let mut settled = ConvergenceCounts { samples: 0, unsettled: 0 };
     let (mut before_s, mut downsampling) = (None::<f64>, Downsampling::default());
     for (sample, logged) in touch.samples.iter().enumerate() {
         unless_stopped(stop)?;

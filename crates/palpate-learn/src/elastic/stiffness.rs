@@ -5,8 +5,8 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::{ElasticBody, ElasticVariant, limit_norm};
 
-use super::simulated::{BodyTorques, CONTACTS, Simulated, UNTOUCHED};
-use crate::tracked::Tracked;
+use super::simulated::{BodyTorques, CONTACT_CANDIDATES, Simulated, UNTOUCHED};
+use crate::tracked::TrackedTouches;
 
 /// Number of stiffness factors that are tried, from 0.1 to 10.
 const FACTORS: usize = 81;
@@ -20,7 +20,7 @@ const CONTACT_PENALTY: f64 = 0.1;
 /// Prior standard deviation of a tree's factor, relative to the common factor.
 const TREE_SPREAD: f64 = 1.0;
 /// Touches do not determine the stiffness of a tree whose share of the squared torques is smaller than this.
-const LEAST_SHARE: f64 = 0.01;
+const MIN_SHARE: f64 = 0.01;
 /// Effective number of independent frames in a touch.
 const FRAMES_THAT_DIFFER: f64 = 3.0;
 /// Smaller relative errors count as this in the noise, against overfitting.
@@ -38,7 +38,7 @@ const PRIOR_WEIGHT: f64 = 0.2;
 
 /// Contact and stiffness of an object's bodies, fitted to training touches.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Constants {
+pub struct ElasticParameters {
     /// Index in [`CONTACTS`].
     contact: usize,
     /// By body.
@@ -56,15 +56,15 @@ struct Share {
     factors: DVector<f64>,
 }
 
-impl Constants {
+impl ElasticParameters {
     /// Sliding friction between arm and body.
     pub fn friction(&self) -> f64 {
-        CONTACTS[self.contact][0]
+        CONTACT_CANDIDATES[self.contact][0]
     }
 
     /// [`palpate::unstable::ElasticContactConfig::creep_s`], s.
-    pub fn creep_s(&self) -> f64 {
-        CONTACTS[self.contact][1]
+    pub(crate) fn creep_s(&self) -> f64 {
+        CONTACT_CANDIDATES[self.contact][1]
     }
 
     /// The norm to which the torque of the bodies is limited, N·m; `None` without touches.
@@ -86,7 +86,12 @@ impl Constants {
 
 impl BodyTorques {
     /// Torque of the bodies in a frame, n_joints, N·m.
-    pub(super) fn torque(&self, constants: &Constants, touch: usize, frame: usize) -> DVector<f64> {
+    pub(super) fn torque(
+        &self,
+        constants: &ElasticParameters,
+        touch: usize,
+        frame: usize,
+    ) -> DVector<f64> {
         let bodies = self.torques(constants.contact).iter().zip(&constants.shares);
         let torque: DVector<f64> = bodies
             .map(|(torques, share)| &torques[touch][frame] * &share.factors * share.weight)
@@ -95,7 +100,7 @@ impl BodyTorques {
     }
 
     /// The bodies with their learnt weights and stiffness factors.
-    pub(super) fn variants(&self, constants: &Constants) -> Vec<ElasticVariant> {
+    pub(super) fn variants(&self, constants: &ElasticParameters) -> Vec<ElasticVariant> {
         let variant = |(body, share): (&Arc<ElasticBody>, &Share)| ElasticVariant {
             body: ElasticBody::clone(body),
             weight: share.weight.min(1.0),
@@ -106,14 +111,14 @@ impl BodyTorques {
 
     /// The contact with which the first body explains the measured torques of these touches best, with
     /// the penalty, and the sum of its relative errors without the penalty.
-    pub(super) fn contact(&self, tracked: &Tracked, touches: &[usize]) -> (usize, f64) {
+    pub(super) fn contact(&self, tracked: &TrackedTouches, touches: &[usize]) -> (usize, f64) {
         let touches = &with_torque(tracked, touches)[..];
         if touches.is_empty() {
             return (UNTOUCHED, 0.0);
         }
         let error = |contact| factors((self.first(contact), &self.bodies[0]), tracked, touches).1;
         let penalty = |contact: usize| {
-            let [usual, this] = [UNTOUCHED, contact].map(|contact| CONTACTS[contact]);
+            let [usual, this] = [UNTOUCHED, contact].map(|contact| CONTACT_CANDIDATES[contact]);
             match (this == usual, this[1] == usual[1]) {
                 (true, _) => 0.0,
                 (false, true) => 0.5 * CONTACT_PENALTY,
@@ -121,14 +126,18 @@ impl BodyTorques {
             }
         };
         let cost = |(contact, error): &(usize, f64)| error + penalty(*contact);
-        let errors = (0..CONTACTS.len()).map(|contact| (contact, error(contact)));
+        let errors = (0..CONTACT_CANDIDATES.len()).map(|contact| (contact, error(contact)));
         let best = errors.min_by(|a, b| cost(a).total_cmp(&cost(b)));
         best.expect("there are contacts")
     }
 
     /// Contact and stiffness that explain the measured torques of these touches best: with the least
     /// mean over touches of the average relative error, plus penalties.
-    pub(super) fn constants(&self, tracked: &Tracked, touches: &[usize]) -> Constants {
+    pub(super) fn constants(
+        &self,
+        tracked: &TrackedTouches,
+        touches: &[usize],
+    ) -> ElasticParameters {
         let touches = &with_torque(tracked, touches)[..];
         let (contact, _) = self.contact(tracked, touches);
         let bodies = self.torques(contact).iter().zip(&self.bodies);
@@ -142,12 +151,12 @@ impl BodyTorques {
         let frames = touches.iter().flat_map(|&touch| &tracked.touches[touch].frames);
         let largest = frames.map(|frame| frame.observation.tau().norm()).fold(0.0, f64::max);
         let limit = if touches.is_empty() { f64::INFINITY } else { TORQUE_LIMIT * largest };
-        Constants { contact, shares, torque_limit_n_m: limit }
+        ElasticParameters { contact, shares, torque_limit_n_m: limit }
     }
 }
 
 /// The touches with a frame of at least [`TORQUE_FLOOR`]; others do not determine the stiffness.
-pub(super) fn with_torque(tracked: &Tracked, touches: &[usize]) -> Vec<usize> {
+pub(super) fn with_torque(tracked: &TrackedTouches, touches: &[usize]) -> Vec<usize> {
     let has_torque = |touch: &&usize| {
         let frames = &tracked.touches[**touch].frames;
         frames.iter().any(|frame| frame.observation.tau().norm() >= TORQUE_FLOOR)
@@ -159,7 +168,7 @@ pub(super) fn with_torque(tracked: &Tracked, touches: &[usize]) -> Vec<usize> {
 /// touches of the average relative errors.
 fn factors(
     (torques, body): (&Simulated, &ElasticBody),
-    tracked: &Tracked,
+    tracked: &TrackedTouches,
     touches: &[usize],
 ) -> (DVector<f64>, f64) {
     let n_trees = body.n_trees();
@@ -204,7 +213,7 @@ fn factors(
     if then < common.1 { (by_tree, then) } else { common }
 }
 
-/// By tree, whether its share of the torques is too small to determine its stiffness ([`LEAST_SHARE`]).
+/// By tree, whether its share of the torques is too small to determine its stiffness ([`MIN_SHARE`]).
 fn unmet(torques: &Simulated, touches: &[usize], factors: &DVector<f64>) -> Vec<bool> {
     let mut squares = DVector::<f64>::zeros(factors.len());
     for &touch in touches {
@@ -214,7 +223,7 @@ fn unmet(torques: &Simulated, touches: &[usize], factors: &DVector<f64>) -> Vec<
             }
         }
     }
-    let least = LEAST_SHARE * squares.sum();
+    let least = MIN_SHARE * squares.sum();
     squares.iter().map(|&square| square < least).collect()
 }
 
@@ -222,7 +231,7 @@ fn unmet(torques: &Simulated, touches: &[usize], factors: &DVector<f64>) -> Vec<
 /// touches' frames.
 fn by_tree(
     torques: &Simulated,
-    tracked: &Tracked,
+    tracked: &TrackedTouches,
     touches: &[usize],
     common: &DVector<f64>,
 ) -> DVector<f64> {
@@ -259,7 +268,7 @@ fn by_tree(
 
 /// The average relative error of a touch against the measured torque; 0 if no frame reaches [`TORQUE_FLOOR`].
 pub(super) fn touch_error(
-    tracked: &Tracked,
+    tracked: &TrackedTouches,
     touch: usize,
     predict: impl Fn(usize) -> DVector<f64>,
 ) -> f64 {

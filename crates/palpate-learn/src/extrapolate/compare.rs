@@ -11,34 +11,34 @@ use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
 
 use super::cloud::SeenCloud;
-use super::config::{Config, Method};
+use super::config::{ExtrapolationConfig, ExtrapolationMethod};
 use super::error::ExtrapolateError;
 use super::extrapolation::extrapolate;
 use super::process::{Evidence, Process};
 use super::torque_evidence;
 use crate::error::{LearnError, Stop, unless_stopped};
-use crate::errors::{ErrorSum, Errors};
-use crate::evaluation::{MeanStd, Summary};
+use crate::evaluation::{MeanStd, MethodSummary};
 use crate::folds::Fold;
 use crate::method;
 use crate::regression::shuffle;
-use crate::tracked::Tracked;
+use crate::torque_errors::{ErrorSum, TorqueErrors};
+use crate::tracked::TrackedTouches;
 
 /// Seed of the random halves.
 const SEED: u64 = 0;
 
 /// Settings that are compared, and the number of random halves.
 #[derive(Debug, Clone)]
-pub struct Plan {
+pub struct ComparisonPlan {
     /// The chosen settings, then those with other methods and features.
-    pub variants: Vec<Config>,
+    pub variants: Vec<ExtrapolationConfig>,
     /// Number of random divisions into halves.
     pub halves: u32,
 }
 
 /// Errors of one kind of prediction, by half: means over its test touches.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Row {
+pub struct VariantErrors {
     /// Name of the kind of prediction.
     pub name: String,
     /// Average error, N·m, by half.
@@ -61,29 +61,33 @@ pub enum CompareError {
     TooFew { touches: usize },
 }
 
-impl Plan {
+impl ComparisonPlan {
     /// The standard comparison: the chosen settings, then `torque` with every set of features, and
     /// the two other methods.
-    pub fn of(config: &Config) -> Self {
+    pub fn of(config: &ExtrapolationConfig) -> Self {
         let sets =
             ["chroma", "rgb", "oklab", "chroma+height", "chroma+shape", "chroma+height+shape"];
         let sets = sets.map(|set| set.parse().expect("our own names"));
-        let torque = sets.map(|features| (Method::Torque, features));
+        let torque = sets.map(|features| (ExtrapolationMethod::Torque, features));
         let rgb = sets[1];
         let chosen = (config.method, config.features);
         let mut others = torque.to_vec();
-        others.extend([(Method::Cells, config.features), (Method::Knn, rgb)]);
+        others.extend([
+            (ExtrapolationMethod::Cells, config.features),
+            (ExtrapolationMethod::Knn, rgb),
+        ]);
         others.retain(|other| *other != chosen);
-        let variant = |(method, features)| Config { method, features, ..config.clone() };
+        let variant =
+            |(method, features)| ExtrapolationConfig { method, features, ..config.clone() };
         let variants = std::iter::once(chosen).chain(others).map(variant).collect();
         Self { variants, halves: 5 }
     }
 
     /// `torque` and `cells`, the configured one first.
-    pub fn methods(config: &Config) -> Self {
-        let mut methods = vec![Method::Torque, Method::Cells];
+    pub fn methods(config: &ExtrapolationConfig) -> Self {
+        let mut methods = vec![ExtrapolationMethod::Torque, ExtrapolationMethod::Cells];
         methods.sort_by_key(|&method| method != config.method);
-        let variant = |method| Config { method, ..config.clone() };
+        let variant = |method| ExtrapolationConfig { method, ..config.clone() };
         Self { variants: methods.into_iter().map(variant).collect(), halves: 5 }
     }
 
@@ -108,12 +112,12 @@ impl Plan {
     /// cloud is no error: its prior is that of untouched cells.
     pub fn run(
         &self,
-        tracked: &Tracked,
+        tracked: &TrackedTouches,
         seen: &SeenCloud,
         mapper: &MapperConfig,
         stop: Stop<'_>,
         done: &(dyn Fn() + Sync),
-    ) -> Result<Vec<Row>, CompareError> {
+    ) -> Result<Vec<VariantErrors>, CompareError> {
         let touches = tracked.touches.len();
         if touches < 2 {
             return Err(CompareError::TooFew { touches });
@@ -123,7 +127,7 @@ impl Plan {
         let variants: Vec<Variant> =
             self.variants.iter().map(|config| Variant::new(config, tracked, seen, &at)).collect();
         let halves = self.folds(touches);
-        let halves: Vec<Vec<Summary>> = (halves.par_iter().with_max_len(1))
+        let halves: Vec<Vec<MethodSummary>> = (halves.par_iter().with_max_len(1))
             .map(|fold| {
                 let errors = Half { tracked, seen, at: &at, mapper, fold }.run(&variants, stop);
                 done();
@@ -131,9 +135,10 @@ impl Plan {
             })
             .collect::<Result<_, _>>()?;
         let row = |row: usize| {
-            let error = |half: &Vec<Summary>| half[row].avg_error.map_or(0.0, |error| error.mean);
-            let relative = |half: &Vec<Summary>| Some(half[row].avg_relative?.mean);
-            Row {
+            let error =
+                |half: &Vec<MethodSummary>| half[row].avg_error.map_or(0.0, |error| error.mean);
+            let relative = |half: &Vec<MethodSummary>| Some(half[row].avg_relative?.mean);
+            VariantErrors {
                 name: halves[0][row].name.clone(),
                 avg_error: halves.iter().map(error).collect(),
                 avg_relative: halves.iter().filter_map(relative).collect(),
@@ -143,7 +148,7 @@ impl Plan {
     }
 }
 
-impl Row {
+impl VariantErrors {
     /// Mean over the halves of the relative error, and of the error, N·m.
     pub fn means(&self) -> (Option<f64>, f64) {
         let mean = |values: &[f64]| Some(MeanStd::of(values.iter().copied())?.mean);
@@ -153,14 +158,19 @@ impl Row {
 
 /// A method with its features, and the evidence of all touches.
 struct Variant<'a> {
-    config: &'a Config,
+    config: &'a ExtrapolationConfig,
     /// Process and evidence of the touches; only for the method `torque`.
     torque: Option<(Process, Vec<Evidence>)>,
 }
 
 impl<'a> Variant<'a> {
-    fn new(config: &'a Config, tracked: &Tracked, seen: &SeenCloud, at: &[Option<u32>]) -> Self {
-        let torque = (config.method == Method::Torque).then(|| {
+    fn new(
+        config: &'a ExtrapolationConfig,
+        tracked: &TrackedTouches,
+        seen: &SeenCloud,
+        at: &[Option<u32>],
+    ) -> Self {
+        let torque = (config.method == ExtrapolationMethod::Torque).then(|| {
             let process = Process::new(config.features.of(seen), config.length_scale);
             let evidence = torque_evidence::evidence(tracked, &process, at);
             (process, evidence)
@@ -171,7 +181,7 @@ impl<'a> Variant<'a> {
 
 /// One division of the touches into halves.
 struct Half<'a> {
-    tracked: &'a Tracked,
+    tracked: &'a TrackedTouches,
     seen: &'a SeenCloud,
     /// By row, the seen point near the cell, if any.
     at: &'a [Option<u32>],
@@ -183,12 +193,16 @@ impl Half<'_> {
     /// Errors of four kinds of prediction: zero; without a prior; learnt again with the first
     /// variant as the prior; and, for each variant, with the extrapolated stiffness in untouched
     /// cells.
-    fn run(&self, variants: &[Variant<'_>], stop: Stop<'_>) -> Result<Vec<Summary>, CompareError> {
+    fn run(
+        &self,
+        variants: &[Variant<'_>],
+        stop: Stop<'_>,
+    ) -> Result<Vec<MethodSummary>, CompareError> {
         let (tracked, train) = (self.tracked, &self.fold.train);
         let estimator = method::learn(tracked, train, self.mapper, &[], stop)?;
         let untouched = estimator.stiffness(usize::MAX);
         let field = method::field(tracked, estimator.as_ref(), self.mapper);
-        let met = tracked.rows_met(train);
+        let met = tracked.touched_rows(train);
         let mut errors = vec![
             self.score("predicting zero", |_| 0.0),
             self.score(
@@ -239,14 +253,14 @@ impl Half<'_> {
     }
 
     /// Errors of a stiffness by row, as means over the test touches.
-    fn score(&self, name: &str, stiffness: impl Fn(usize) -> f64) -> Summary {
+    fn score(&self, name: &str, stiffness: impl Fn(usize) -> f64) -> MethodSummary {
         let cells = self.tracked.with_stiffness(stiffness);
         let of = |&touch: &usize| {
             let frames = &self.tracked.touches[touch].frames;
             let predicted = frames.iter().map(|frame| frame.predict(&cells));
             ErrorSum::of(predicted, frames.iter().map(|frame| &frame.target)).errors()
         };
-        let errors: Vec<Errors> = self.fold.test.iter().filter_map(of).collect();
-        Summary::of(name, &errors, [&[], &[]])
+        let errors: Vec<TorqueErrors> = self.fold.test.iter().filter_map(of).collect();
+        MethodSummary::of(name, &errors, [&[], &[]])
     }
 }

@@ -9,7 +9,7 @@ use super::features::Features;
 /// Method of the extrapolation.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Method {
+pub enum ExtrapolationMethod {
     /// A Gaussian process over features, learnt from torques.
     #[default]
     Torque,
@@ -19,7 +19,7 @@ pub enum Method {
     Knn,
 }
 
-impl Method {
+impl ExtrapolationMethod {
     /// The name of the method in settings and tables.
     pub fn name(self) -> &'static str {
         match self {
@@ -30,14 +30,14 @@ impl Method {
     }
 }
 
-/// The smallest and the largest [`Config::reach_cells`].
+/// The smallest and the largest [`ExtrapolationConfig::reach_cells`].
 pub const REACH_CELLS: [f64; 2] = [0.5, 4.0];
 
 /// Settings of the extrapolation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Config {
+pub struct ExtrapolationConfig {
     /// The method.
-    pub method: Method,
+    pub method: ExtrapolationMethod,
     /// Features by which points are compared.
     pub features: Features,
     /// Largest distance of a cell from a seen point at which the point gives its stiffness, in
@@ -58,10 +58,10 @@ pub struct Config {
     pub neighbour_scale: f64,
 }
 
-impl Default for Config {
+impl Default for ExtrapolationConfig {
     fn default() -> Self {
         Self {
-            method: Method::default(),
+            method: ExtrapolationMethod::default(),
             features: Features::default(),
             reach_cells: 1.25,
             length_scale: 2.0,
@@ -73,7 +73,7 @@ impl Default for Config {
     }
 }
 
-impl Config {
+impl ExtrapolationConfig {
     /// Checks every setting against its range.
     ///
     /// # Errors
@@ -97,7 +97,7 @@ impl Config {
         Ok(())
     }
 
-    /// [`Config::reach_cells`] in m.
+    /// [`ExtrapolationConfig::reach_cells`] in m.
     pub fn reach_m(&self, lattice: &Lattice) -> f64 {
         self.reach_cells * lattice.spacing_m()
     }

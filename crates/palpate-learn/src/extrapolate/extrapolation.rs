@@ -3,11 +3,11 @@
 use palpate::{CellId, Field, Lattice};
 
 use super::cloud::SeenCloud;
-use super::config::{Config, Method};
+use super::config::{ExtrapolationConfig, ExtrapolationMethod};
 use super::error::ExtrapolateError;
 use super::process::{Evidence, Posterior, Process};
 use super::{cells, knn, torque_evidence};
-use crate::tracked::Tracked;
+use crate::tracked::TrackedTouches;
 
 /// A stiffness for every seen point.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,8 +31,8 @@ pub struct Extrapolation {
 pub fn extrapolate(
     seen: &SeenCloud,
     field: &Field,
-    tracked: Option<&Tracked>,
-    config: &Config,
+    tracked: Option<&TrackedTouches>,
+    config: &ExtrapolationConfig,
 ) -> Result<Extrapolation, ExtrapolateError> {
     config.check()?;
     let (lattice, reach_m) = (&field.lattice, config.reach_m(&field.lattice));
@@ -41,8 +41,8 @@ pub fn extrapolate(
     let features = config.features.of(seen);
     let prior_std = config.prior_std(lattice);
     let (stiffness_n_per_m, std_n_per_m) = match config.method {
-        Method::Torque => {
-            let has_contact = |tracked: &&Tracked| {
+        ExtrapolationMethod::Torque => {
+            let has_contact = |tracked: &&TrackedTouches| {
                 tracked.touches.iter().any(|touch| touch.frames_in_contact() > 0)
             };
             let tracked = tracked.filter(has_contact).ok_or(ExtrapolateError::NoTorques)?;
@@ -55,13 +55,13 @@ pub fn extrapolate(
             let posterior = torque_evidence::posterior(&all, prior_std, config.torque_std);
             process.at_all_points(&posterior)
         }
-        Method::Cells => {
+        ExtrapolationMethod::Cells => {
             let process = Process::new(features, config.length_scale);
             let at = seen.at(&touched_m, reach_m);
             let evidence = cells::evidence(field, &process, &rows, &at);
             process.at_all_points(&Posterior::new(&evidence, prior_std, prior_std))
         }
-        Method::Knn => {
+        ExtrapolationMethod::Knn => {
             let at = seen.at(&touched_m, reach_m);
             let known = cells::of_points(field, seen, (&rows, &at));
             let neighbours = config.neighbours as usize;
@@ -87,7 +87,7 @@ impl Extrapolation {
         &self,
         seen: &SeenCloud,
         lattice: &Lattice,
-        config: &Config,
+        config: &ExtrapolationConfig,
     ) -> Vec<(CellId, f64)> {
         let cells = seen.cells(lattice, config.reach_m(lattice));
         let stiffness = |point: u32| self.stiffness_n_per_m[point as usize];

@@ -3,7 +3,7 @@
 //! A few touches and one coloured cloud give a stiffness for every seen point: points that look
 //! alike are assumed to be equally stiff. There are three methods; the first is the default:
 //!
-//! | [`Method`] | regression of                                | on                              |
+//! | [`ExtrapolationMethod`] | regression of                                | on                              |
 //! |------------|----------------------------------------------|---------------------------------|
 //! | `torque`   | stiffness over features, by Gaussian process | the torques themselves          |
 //! | `cells`    | the same                                     | stiffness of touched cells      |
@@ -27,7 +27,7 @@ mod rank;
 mod torque_evidence;
 
 pub use cloud::SeenCloud;
-pub use config::{Config, Method, REACH_CELLS};
+pub use config::{ExtrapolationConfig, ExtrapolationMethod, REACH_CELLS};
 pub use error::ExtrapolateError;
 pub use extrapolation::{Extrapolation, extrapolate};
 pub use features::{Colour, Features};

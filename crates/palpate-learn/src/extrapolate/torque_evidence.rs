@@ -8,14 +8,18 @@
 //! Frames of a touch resemble each other, so all frames of a touch together count as one frame.
 
 use nalgebra::{DMatrix, DVector};
-use palpate::unstable::Cell;
+use palpate::unstable::CellState;
 use rayon::prelude::*;
 
 use super::process::{Evidence, Posterior, Process};
-use crate::tracked::{Tracked, TrackedTouch};
+use crate::tracked::{TrackedTouch, TrackedTouches};
 
 /// The evidence of every touch, over `(w, c, k)`.
-pub(super) fn evidence(tracked: &Tracked, process: &Process, at: &[Option<u32>]) -> Vec<Evidence> {
+pub(super) fn evidence(
+    tracked: &TrackedTouches,
+    process: &Process,
+    at: &[Option<u32>],
+) -> Vec<Evidence> {
     let seen: Vec<u32> = at.iter().filter_map(|at| *at).collect();
     let unknowns = process.len() + 1;
     let columns: Vec<Vec<Vec<f64>>> = (0..unknowns)
@@ -47,7 +51,7 @@ pub(super) fn posterior(touches: &[&Evidence], prior_std: f64, torque_std: f64) 
 }
 
 /// Predicted torques of all frames in contact, one after the other, N·m.
-fn torques(touch: &TrackedTouch, cells: &[Cell]) -> Vec<f64> {
+fn torques(touch: &TrackedTouch, cells: &[CellState]) -> Vec<f64> {
     touch.in_contact().flat_map(|frame| frame.predict(cells)).collect()
 }
 

@@ -1,15 +1,15 @@
 //! Residual torques of a model on held-out motion: whole touches, or quarters of them if there are fewer than three.
 //! Offset and drift of a touch are not known beforehand, so the residual contains them.
 
-use palpate::unstable::{NoiseFactors, TouchMotion, explain};
+use palpate::unstable::{NoiseFactors, TouchMotion, model_residuals};
 use palpate::{
-    Alarm, Causal, Differentiation, ExternalTorque, ExternalTorqueConfig, Ripple, Robot, Sample,
-    TorqueModel, TorqueNoise,
+    Causal, Differentiation, ExternalTorque, ExternalTorqueConfig, FalseAlarmModel, Ripple, Robot,
+    Sample, TorqueModel, TorqueNoise,
 };
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::few::Few;
+use super::outliers::ResidualOutliers;
 use super::posterior::Posterior;
 use super::prior::Start;
 use super::ripple::RippleSample;
@@ -18,7 +18,7 @@ use super::{IdentifyError, result, ripple};
 
 /// Root mean squares of the residuals of the measured torques, N·m, by joint.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct HeldOut {
+pub struct HeldOutResiduals {
     /// After gravity of the URDF.
     pub gravity: Vec<f64>,
     /// After the inverse dynamics of the URDF.
@@ -28,16 +28,16 @@ pub struct HeldOut {
     /// `[gravity, urdf, identified]` of residuals averaged over the time window of the speeds.
     pub slow: [Vec<f64>; 3],
     /// Outliers, if few samples have most of the residual of the identified model.
-    pub few: Option<Few>,
+    pub few: Option<ResidualOutliers>,
 }
 
 /// The parts of the model that follow from residuals on held-out motion.
 pub(super) struct Found {
-    pub(super) held_out: HeldOut,
+    pub(super) held_out: HeldOutResiduals,
     pub(super) noise: Vec<TorqueNoise>,
     /// By joint.
     pub(super) ripple: Vec<Vec<Ripple>>,
-    pub(super) alarm: Option<Alarm>,
+    pub(super) alarm: Option<FalseAlarmModel>,
     pub(super) causal: Option<Causal>,
 }
 
@@ -124,7 +124,8 @@ pub(super) fn of(
     };
     let [gravity, urdf, identified] = rms(0.0);
     let slow = rms(settings.window_s);
-    let held_out = HeldOut { gravity, urdf, identified, slow, few: Few::of(&left) };
+    let held_out =
+        HeldOutResiduals { gravity, urdf, identified, slow, few: ResidualOutliers::of(&left) };
     let [.., ripple] = ripples;
     let causal = causal.map(|(_, causal)| causal);
     Ok(Found { held_out, noise: own_noise, ripple, alarm, causal })
@@ -182,7 +183,9 @@ fn left_of(
     for (number, model) in models.iter().enumerate() {
         let Some(model) = model else { continue };
         let which = |k: usize| fold_of(k) == number && !touched[k];
-        for (k, found) in explain(robot, model, torques, (samples, &which), differentiation)? {
+        for (k, found) in
+            model_residuals(robot, model, torques, (samples, &which), differentiation)?
+        {
             let sample = &samples[k];
             let poses = robot.forward(&sample.q).map_err(palpate::TrackerError::from)?;
             left.push(Left {
@@ -266,7 +269,7 @@ fn noise_of(left: &[Vec<Left>], j: usize) -> TorqueNoise {
 }
 
 /// The alarm, from the largest |torque| over its standard deviation in each second of held-out motion.
-fn alarm_of(left: &[Vec<Left>], noise: &[TorqueNoise]) -> Option<Alarm> {
+fn alarm_of(left: &[Vec<Left>], noise: &[TorqueNoise]) -> Option<FalseAlarmModel> {
     let statistic = |left: &Left| {
         let std = noise.iter().zip(&left.factors).map(|(noise, factors)| factors.std(noise));
         let torque = ExternalTorque {
@@ -277,5 +280,5 @@ fn alarm_of(left: &[Vec<Left>], noise: &[TorqueNoise]) -> Option<Alarm> {
     };
     let touches: Vec<Vec<(f64, f64)>> =
         left.iter().map(|touch| touch.iter().map(statistic).collect()).collect();
-    Alarm::of(&touches)
+    FalseAlarmModel::of(&touches)
 }

@@ -14,27 +14,27 @@
 //! | `prior`      | prior means and widths of the unknowns                            |
 //! | `posterior`  | posterior of the unknowns, and noise                              |
 //! | `search`     | delay, presliding distances and window                            |
-//! | `touched`    | samples in which something seems to be touched                    |
-//! | `possible`   | constraint to physically possible inertias                        |
+//! | `contact_samples` | samples in which something seems to be touched                    |
+//! | `physical_consistency` | constraint to physically possible inertias                        |
 //! | `ripple`     | torque that is periodic with the teeth of the gears               |
 //! | `held_out`   | residuals on held-out motion                                      |
-//! | `few`        | whether few samples have most of the residual                     |
+//! | `outliers`   | whether few samples have most of the residual                     |
 //! | `result`     | values with standard deviations, in common units                  |
 
-mod few;
+mod contact_samples;
 mod held_out;
-mod possible;
+mod outliers;
+mod physical_consistency;
 mod posterior;
 mod prior;
 mod result;
 mod ripple;
 mod rows;
 mod search;
-mod touched;
 
-pub use few::Few;
-pub use held_out::HeldOut;
-pub use result::{BodyEstimate, Identified, JointEstimate, PayloadEstimate, Value};
+pub use held_out::HeldOutResiduals;
+pub use outliers::ResidualOutliers;
+pub use result::{Estimate, IdentifiedArm, InertiaEstimate, JointEstimate, PayloadEstimate};
 
 use palpate::unstable::{LinkId, with_read_times};
 use palpate::{ExternalTorqueConfig, Gravity, Robot, Sample};
@@ -93,11 +93,11 @@ pub enum IdentifyError {
 }
 
 /// Touches with fewer samples give no speeds; they are ignored if there are longer ones.
-const LEAST_OF_TOUCH: usize = 4;
+const MIN_OF_TOUCH: usize = 4;
 /// With fewer samples, identification is refused ([`IdentifyError::TooShort`]).
-const LEAST_SAMPLES: usize = 20;
+const MIN_SAMPLES: usize = 20;
 /// A joint that moves by less, rad or m, counts as not moving.
-pub const LEAST_MOTION: f64 = 0.02;
+pub const MIN_MOTION: f64 = 0.02;
 
 /// Identifies an arm from touches in free motion, joints in the robot's order.
 ///
@@ -112,14 +112,14 @@ pub fn identify(
     torques: &ExternalTorqueConfig,
     config: &IdentifyConfig,
     (stop, done): (Stop<'_>, &dyn Fn()),
-) -> Result<Identified, IdentifyError> {
+) -> Result<IdentifiedArm, IdentifyError> {
     let unless_stopped = || {
         done();
         if stop() { Err(IdentifyError::Stopped) } else { Ok(()) }
     };
     // One touch without speeds would make the regression ignore the speeds of all touches.
     let least =
-        if touches.iter().any(|touch| touch.len() >= LEAST_OF_TOUCH) { LEAST_OF_TOUCH } else { 1 };
+        if touches.iter().any(|touch| touch.len() >= MIN_OF_TOUCH) { MIN_OF_TOUCH } else { 1 };
     let (numbers, logged): (Vec<usize>, Vec<&[Sample]>) =
         (touches.iter().copied().enumerate()).filter(|(_, touch)| touch.len() >= least).unzip();
     let motion = Checked::of(robot, &logged, torques)?;
@@ -134,7 +134,7 @@ pub fn identify(
     let search = Search { robot, touches: &touches, sign: torques.torque_sign, start: &start };
     let none = touches.iter().map(|touch| vec![false; touch.len()]).collect();
     let all = search.run(none, &unless_stopped)?;
-    let fit = touched::leave_out(&search, all, &unless_stopped)?;
+    let fit = contact_samples::leave_out(&search, all, &unless_stopped)?;
 
     let mut held_out = held_out::of(
         robot,
@@ -205,17 +205,16 @@ impl Checked {
     ) -> Result<Self, IdentifyError> {
         let samples = || touches.iter().copied().flatten();
         let found = samples().count();
-        if found < LEAST_SAMPLES {
-            return Err(IdentifyError::TooShort { found, wanted: LEAST_SAMPLES });
+        if found < MIN_SAMPLES {
+            return Err(IdentifyError::TooShort { found, wanted: MIN_SAMPLES });
         }
         for sample in samples() {
             let poses = robot.forward(&sample.q).map_err(palpate::TrackerError::from)?;
             torques.untared(robot, &poses, &sample.tau)?;
         }
         let joints = 0..robot.n_joints();
-        if joints.clone().all(|joint| range(samples().map(|sample| sample.q[joint])) < LEAST_MOTION)
-        {
-            return Err(IdentifyError::NoMotion { wanted: LEAST_MOTION });
+        if joints.clone().all(|joint| range(samples().map(|sample| sample.q[joint])) < MIN_MOTION) {
+            return Err(IdentifyError::NoMotion { wanted: MIN_MOTION });
         }
         let silent: Vec<usize> = (joints.clone())
             .filter(|joint| range(samples().map(|sample| sample.tau[*joint])) == 0.0)

@@ -10,9 +10,9 @@
 //! step linearises it at the result of the last one.
 
 use nalgebra::{DMatrix, DVector};
-use palpate::unstable::BODY_PARAMETERS;
+use palpate::unstable::N_INERTIAL_PARAMETERS;
 
-use super::possible;
+use super::physical_consistency;
 use super::prior::{Prior, Start, of_joint};
 use super::rows::{BIAS, FRICTION, Rows, SLOPES, Sum};
 
@@ -132,7 +132,7 @@ impl Posterior {
     }
 
     pub(super) fn shared(&self) -> usize {
-        self.n_parameters + BODY_PARAMETERS + 1
+        self.n_parameters + N_INERTIAL_PARAMETERS + 1
     }
 
     pub(super) fn payload_body(&self) -> usize {
@@ -147,8 +147,9 @@ impl Posterior {
     /// The inertial parameters, payload included.
     pub(super) fn parameters(&self) -> DVector<f64> {
         let mut parameters = &self.start_parameters + self.mean.rows(0, self.n_parameters);
-        let mut body = parameters.rows_mut(BODY_PARAMETERS * self.payload_body, BODY_PARAMETERS);
-        body += self.mean.rows(self.n_parameters, BODY_PARAMETERS);
+        let mut body =
+            parameters.rows_mut(N_INERTIAL_PARAMETERS * self.payload_body, N_INERTIAL_PARAMETERS);
+        body += self.mean.rows(self.n_parameters, N_INERTIAL_PARAMETERS);
         parameters
     }
 
@@ -183,8 +184,8 @@ impl Posterior {
             design[(own, k)] = -gain * self.start_parameters[k] + (gain - 1.0) * parameters[k];
             design[(self.shared(), k)] = parameters[k];
         }
-        for k in 0..BODY_PARAMETERS {
-            design[(self.n_parameters + k, BODY_PARAMETERS * self.payload_body + k)] = gain;
+        for k in 0..N_INERTIAL_PARAMETERS {
+            design[(self.n_parameters + k, N_INERTIAL_PARAMETERS * self.payload_body + k)] = gain;
         }
         design[(self.shared() - 1, self.n_parameters)] = 1.0;
         for k in 1..self.of_joint {
@@ -210,11 +211,12 @@ impl Posterior {
 
     /// Moves the masses to physically possible values, and all other unknowns to the most probable values given these.
     fn make_possible(&mut self, start: &Start) -> Option<()> {
-        let count = self.n_parameters + BODY_PARAMETERS;
+        let count = self.n_parameters + N_INERTIAL_PARAMETERS;
         let covariance = self.covariance.view((0, 0), (count, count)).into_owned();
         let precision = covariance.cholesky()?.inverse();
         let mean = self.mean.rows(0, count).into_owned();
-        let moved = possible::nearest(&mean, &precision, &start.parameters, &start.scales);
+        let moved =
+            physical_consistency::nearest(&mean, &precision, &start.parameters, &start.scales);
         let pull = &precision * (&moved - &mean);
         self.mean += self.covariance.columns(0, count) * pull;
         Some(())

@@ -6,7 +6,7 @@
 
 use nalgebra::DVector;
 use palpate::Robot;
-use palpate::unstable::BODY_PARAMETERS;
+use palpate::unstable::N_INERTIAL_PARAMETERS;
 
 use super::posterior::Posterior;
 use super::rows::{BIAS, FRICTION, Rows, SLOPES, Sum};
@@ -37,7 +37,7 @@ const FIXED: usize = usize::MAX;
 /// Indices, after the gain, of the coefficients that are never below zero: Coulomb, viscous, drive.
 pub(super) const NEVER_NEGATIVE: [usize; 3] = [0, 3, 4];
 /// Effective number of coefficients of a group that the data must determine before its width is estimated.
-const LEAST_DETERMINED: f64 = 0.1;
+const MIN_DETERMINED: f64 = 0.1;
 /// Width of the slopes of friction, relative to the largest torque.
 const SLOPE_WIDTH: f64 = 0.01;
 /// Group of the offsets and drifts by touch.
@@ -46,7 +46,7 @@ const OF_TOUCH: usize = 6;
 /// Width of the gains of currents, relative to their first estimate.
 const GAIN_OF_CURRENT: f64 = 1.0;
 /// Largest ratio, or inverse ratio, of a joint's first gain to the gain that is common to all joints.
-const MOST_RATIO: f64 = 3.0;
+const MAX_RATIO: f64 = 3.0;
 /// Standard deviations that are not estimated: mass, kg, and size, m, of the payload; delay, s.
 const PAYLOAD_KG: f64 = 5.0;
 const PAYLOAD_M: f64 = 0.2;
@@ -77,7 +77,7 @@ impl Start {
 /// Scale of each inertial parameter: the mass of its body, times a length near its radius of gyration for first
 /// moments, and the square of this length for second moments. The mass counts as at least a tenth of the mean mass.
 pub(crate) fn inertial_scales(parameters: &DVector<f64>) -> DVector<f64> {
-    let bodies = || parameters.as_slice().chunks(BODY_PARAMETERS);
+    let bodies = || parameters.as_slice().chunks(N_INERTIAL_PARAMETERS);
     let mean_mass = bodies().map(|body| body[0]).sum::<f64>() / bodies().len().max(1) as f64;
     let of_body = |body: &[f64]| {
         let mass = body[0].max(0.1 * mean_mass).max(1e-3);
@@ -112,7 +112,7 @@ pub(super) struct Prior {
 impl Prior {
     pub(super) fn new(rows: &Rows, sums: &[Sum], start: &Start) -> Self {
         let of_joint = of_joint(rows);
-        let shared = rows.n_parameters + BODY_PARAMETERS + 1;
+        let shared = rows.n_parameters + N_INERTIAL_PARAMETERS + 1;
         let size = shared + rows.n_joints() * of_joint;
         let gains = start.first_gains(rows, sums);
         let efforts: Vec<f64> =
@@ -133,7 +133,7 @@ impl Prior {
         for k in 0..rows.n_parameters {
             (prior.group[k], prior.scale[k]) = (LINKS, start.scales[k]);
         }
-        for k in 0..BODY_PARAMETERS {
+        for k in 0..N_INERTIAL_PARAMETERS {
             prior.scale[rows.n_parameters + k] = payload_scale(k);
         }
         prior.scale[shared - 1] = DELAY_S;
@@ -183,7 +183,7 @@ impl Prior {
                 square += ((posterior.mean[k] - self.center[k]) / self.scale[k]).powi(2);
                 determined += 1.0 - posterior.covariance[(k, k)] / variance[k];
             }
-            if determined > LEAST_DETERMINED {
+            if determined > MIN_DETERMINED {
                 let found = f64::sqrt(square / determined).clamp(*least, *most);
                 self.widths[index] = (self.widths[index] * found).sqrt();
             }
@@ -209,8 +209,8 @@ impl Start {
             let about_mean = |a: usize, b: usize| {
                 (sum.gram[(a, b)] - sum.gram[(a, one)] * sum.gram[(b, one)] / count) / count
             };
-            let payload = (0..BODY_PARAMETERS).map(|k| {
-                let at = BODY_PARAMETERS * self.payload_body + k;
+            let payload = (0..N_INERTIAL_PARAMETERS).map(|k| {
+                let at = N_INERTIAL_PARAMETERS * self.payload_body + k;
                 about_mean(at, at) * payload_scale(k).powi(2)
             });
             let covariance = (with[last] - with[one] * sum.gram[(last, one)] / count) / count;
@@ -228,7 +228,7 @@ impl Start {
             let part = variance / (variance + friction + payload).max(1e-9);
             let ratio = part * own / common + 1.0 - part;
             // A joint may have the opposite sign.
-            common * ratio.signum() * ratio.abs().clamp(1.0 / MOST_RATIO, MOST_RATIO)
+            common * ratio.signum() * ratio.abs().clamp(1.0 / MAX_RATIO, MAX_RATIO)
         };
         moments.iter().map(gain).collect()
     }

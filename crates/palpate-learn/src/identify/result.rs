@@ -1,23 +1,23 @@
 //! Identified values with standard deviations, in common units, and notes for the user.
 
 use nalgebra::{DMatrix, Isometry3, Matrix3, Point3, Vector3};
-use palpate::unstable::BODY_PARAMETERS;
+use palpate::unstable::N_INERTIAL_PARAMETERS;
 use palpate::{JointFriction, JointModel, Robot, TorqueModel, TorqueNoise};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use serde::Serialize;
 
-use super::few::Few;
-use super::held_out::{Found, HeldOut};
+use super::held_out::{Found, HeldOutResiduals};
+use super::outliers::ResidualOutliers;
 use super::posterior::Posterior;
 use super::prior::NEVER_NEGATIVE;
 use super::rows::{FRICTION, RegressionSettings};
 use super::search::Fit;
-use super::{Checked, IdentifyConfig, LEAST_MOTION, ReadTimes, touched};
+use super::{Checked, IdentifyConfig, MIN_MOTION, ReadTimes, contact_samples};
 
 /// A value with its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Value {
+pub struct Estimate {
     /// The most probable value.
     pub value: f64,
     /// Standard deviation.
@@ -26,7 +26,7 @@ pub struct Value {
 
 /// Result of the identification of an arm.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Identified {
+pub struct IdentifiedArm {
     /// The identified arm, for other commands.
     pub model: TorqueModel,
     /// Mass that the URDF does not contain.
@@ -34,13 +34,13 @@ pub struct Identified {
     /// By joint.
     pub joints: Vec<JointEstimate>,
     /// By body.
-    pub bodies: Vec<BodyEstimate>,
+    pub bodies: Vec<InertiaEstimate>,
     /// Number of base parameters: combinations of inertial parameters that motion can determine.
     pub base_parameters: usize,
     /// Number of base parameters that these logs determine better than the URDF.
     pub base_parameters_identified: usize,
     /// Delay of the torques after the positions, s.
-    pub delay_s: Value,
+    pub delay_s: Estimate,
     /// Whether the time stamps of the logs give speeds.
     pub timed: bool,
     /// The fraction of the samples that is left out, since something seems to be touched in them, 0 to 1.
@@ -48,7 +48,7 @@ pub struct Identified {
     /// Correction of time stamps that differ from the times at which the joints were read.
     pub read_times: ReadTimes,
     /// Residuals of held-out motion.
-    pub held_out: HeldOut,
+    pub held_out: HeldOutResiduals,
     /// What may be wrong, if the model does not fit held-out motion.
     pub misfit: Option<String>,
     /// What cannot be determined, and why.
@@ -61,9 +61,9 @@ pub struct PayloadEstimate {
     /// The link in whose frame the payload is given.
     pub link: String,
     /// Mass, kg.
-    pub mass_kg: Value,
+    pub mass_kg: Estimate,
     /// Centre of mass, m.
-    pub com_m: [Value; 3],
+    pub com_m: [Estimate; 3],
     /// Inertia about the centre of mass in the link's axes, kg·m².
     pub inertia_kg_m2: [[f64; 3]; 3],
     /// Whether the mass is more than twice its standard deviation.
@@ -78,19 +78,19 @@ pub struct JointEstimate {
     /// Largest range of the joint within a touch, rad or m.
     pub moved: f64,
     /// Coulomb friction, mean of both directions, N·m.
-    pub coulomb_n_m: Value,
+    pub coulomb_n_m: Estimate,
     /// Half the difference between the directions, N·m.
-    pub asymmetry_n_m: Value,
+    pub asymmetry_n_m: Estimate,
     /// Breakaway: how much larger friction is at the slowest speeds, N·m.
-    pub breakaway_n_m: Value,
+    pub breakaway_n_m: Estimate,
     /// Viscous friction, N·m·s/rad.
-    pub viscous_n_m_s: Value,
+    pub viscous_n_m_s: Estimate,
     /// Inertia of the drive, kg·m².
-    pub rotor_inertia_kg_m2: Value,
+    pub rotor_inertia_kg_m2: Estimate,
     /// Constant part of the bias, N·m.
-    pub bias_n_m: Value,
+    pub bias_n_m: Estimate,
     /// Measured over true torque.
-    pub gain: Value,
+    pub gain: Estimate,
     /// Presliding distance: how far the joint moves after a reversal until half of the change of friction is over, rad.
     pub presliding_rad: f64,
     /// Orders of the ripple of its gears, in periods per turn, the strongest first; empty if none is found.
@@ -101,14 +101,14 @@ pub struct JointEstimate {
 
 /// Identified values of a body: links that move together.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct BodyEstimate {
+pub struct InertiaEstimate {
     /// The first link of the body.
     pub link: String,
     /// Mass, kg; mass times centre of mass, kg·m; inertia about the origin xx, xy, xz, yy, yz, zz, kg·m². Payload
     /// included.
-    pub parameters: [Value; BODY_PARAMETERS],
+    pub parameters: [Estimate; N_INERTIAL_PARAMETERS],
     /// Reduction of each parameter's variance, relative to its prior variance: 0 (nothing learned) to 1.
-    pub variance_reduction: [f64; BODY_PARAMETERS],
+    pub variance_reduction: [f64; N_INERTIAL_PARAMETERS],
 }
 
 /// The model with the mean of a posterior; noise, ripple and alarm are not yet set.
@@ -159,7 +159,7 @@ pub(super) fn of(
     fit: &Fit,
     found: Found,
     (motion, read_times): (&Checked, ReadTimes),
-) -> Identified {
+) -> IdentifiedArm {
     let Fit { settings, rows, posterior, .. } = fit;
     let mut model = model(robot, settings, posterior);
     for (joint, noise) in model.joints.iter_mut().zip(&found.noise) {
@@ -201,18 +201,18 @@ pub(super) fn of(
     let payload = payload(robot, config, posterior);
     let (all, identified) = base_parameters(robot, posterior);
     let (delay, std) = posterior.delay();
-    let mut identified = Identified {
+    let mut identified = IdentifiedArm {
         bodies: bodies(robot, posterior),
         payload,
         joints,
         base_parameters: all,
         base_parameters_identified: identified,
-        delay_s: Value {
+        delay_s: Estimate {
             value: settings.delay_s + delay,
             std: (INFLATION * std).hypot(BETWEEN_SAMPLES * rows.interval_s()),
         },
         timed: rows.timed,
-        touched: touched::part(&settings.touched),
+        touched: contact_samples::part(&settings.touched),
         read_times,
         held_out: found.held_out,
         misfit: None,
@@ -225,12 +225,12 @@ pub(super) fn of(
 }
 
 /// A value with the standard deviation of a linear combination of the unknowns: (index, factor).
-fn value_of(posterior: &Posterior, slopes: &[(usize, f64)], value: f64) -> Value {
+fn value_of(posterior: &Posterior, slopes: &[(usize, f64)], value: f64) -> Estimate {
     let variance: f64 = (slopes.iter())
         .flat_map(|a| slopes.iter().map(move |b| (a, b)))
         .map(|((a, by_a), (b, by_b))| by_a * by_b * posterior.covariance[(*a, *b)])
         .sum();
-    Value { value, std: INFLATION * variance.max(0.0).sqrt() }
+    Estimate { value, std: INFLATION * variance.max(0.0).sqrt() }
 }
 
 /// Factor from standard deviations of the posterior to reported ones. The posterior takes widths, noise and
@@ -242,8 +242,8 @@ const BETWEEN_SAMPLES: f64 = 0.03;
 fn payload(robot: &Robot, config: &IdentifyConfig, posterior: &Posterior) -> PayloadEstimate {
     let link = config.payload_link;
     let pose = robot.body_from_link(link).unwrap_or_else(Isometry3::identity).inverse();
-    let at = posterior.shared() - 1 - BODY_PARAMETERS;
-    let own: Vec<f64> = (0..BODY_PARAMETERS).map(|k| posterior.mean[at + k]).collect();
+    let at = posterior.shared() - 1 - N_INERTIAL_PARAMETERS;
+    let own: Vec<f64> = (0..N_INERTIAL_PARAMETERS).map(|k| posterior.mean[at + k]).collect();
     let mass = own[0];
     let mass_kg = value_of(posterior, &[(at, 1.0)], mass);
     let com = Vector3::new(own[1], own[2], own[3]) / mass;
@@ -269,13 +269,13 @@ fn payload(robot: &Robot, config: &IdentifyConfig, posterior: &Posterior) -> Pay
     }
 }
 
-fn bodies(robot: &Robot, posterior: &Posterior) -> Vec<BodyEstimate> {
+fn bodies(robot: &Robot, posterior: &Posterior) -> Vec<InertiaEstimate> {
     let parameters = posterior.parameters();
-    let payload = posterior.shared() - 1 - BODY_PARAMETERS;
+    let payload = posterior.shared() - 1 - N_INERTIAL_PARAMETERS;
     (robot.bodies().enumerate())
         .map(|(body, link)| {
             let value = |k: usize| {
-                let at = BODY_PARAMETERS * body + k;
+                let at = N_INERTIAL_PARAMETERS * body + k;
                 let mut slopes = vec![(at, 1.0)];
                 if body == posterior.payload_body() {
                     slopes.push((payload + k, 1.0));
@@ -283,10 +283,10 @@ fn bodies(robot: &Robot, posterior: &Posterior) -> Vec<BodyEstimate> {
                 value_of(posterior, &slopes, parameters[at])
             };
             let variance_reduction = |k: usize| {
-                let at = BODY_PARAMETERS * body + k;
+                let at = N_INERTIAL_PARAMETERS * body + k;
                 1.0 - (posterior.covariance[(at, at)] / posterior.prior_variance[at]).min(1.0)
             };
-            BodyEstimate {
+            InertiaEstimate {
                 link: robot.links()[link.index()].name.clone(),
                 parameters: std::array::from_fn(value),
                 variance_reduction: std::array::from_fn(variance_reduction),
@@ -297,7 +297,7 @@ fn bodies(robot: &Robot, posterior: &Posterior) -> Vec<BodyEstimate> {
 
 /// The number of base parameters, and the number of them that these logs determine better than the URDF.
 fn base_parameters(robot: &Robot, posterior: &Posterior) -> (usize, usize) {
-    let size = posterior.prior_variance.len().min(BODY_PARAMETERS * robot.bodies().len());
+    let size = posterior.prior_variance.len().min(N_INERTIAL_PARAMETERS * robot.bodies().len());
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut uniform = |half: f64| -> Vec<f64> {
         let one = |_| (f64::from(rng.next_u32()) / f64::from(u32::MAX) * 2.0 - 1.0) * half;
@@ -324,13 +324,13 @@ fn base_parameters(robot: &Robot, posterior: &Posterior) -> (usize, usize) {
 }
 
 /// Largest residual, relative to the standard deviation of the torques, before a misfit is reported.
-const MOST_RESIDUAL: f64 = 0.3;
+const MAX_RESIDUAL: f64 = 0.3;
 
 /// Torques may come before the positions by this, s, before it is reported.
 const EARLY_S: f64 = 0.01;
 
 /// A note on negative gains.
-fn of_gains(identified: &Identified) -> Option<String> {
+fn of_gains(identified: &IdentifiedArm) -> Option<String> {
     let is_negative = |joint: &&JointEstimate| joint.gain.value < 0.0;
     let negative: Vec<&str> =
         identified.joints.iter().filter(is_negative).map(|joint| joint.name.as_str()).collect();
@@ -349,8 +349,8 @@ fn of_gains(identified: &Identified) -> Option<String> {
 }
 
 /// A note on torques that come before the positions.
-fn of_delay(identified: &Identified) -> Option<String> {
-    let Value { value, std } = identified.delay_s;
+fn of_delay(identified: &IdentifiedArm) -> Option<String> {
+    let Estimate { value, std } = identified.delay_s;
     (identified.timed && value < -2.0 * std - EARLY_S).then(|| {
         format!(
             "the torques come {:.0} ms before the positions, which no robot does: stamps are those of another clock, \
@@ -362,7 +362,7 @@ fn of_delay(identified: &Identified) -> Option<String> {
 
 /// Notes for the user: what is suspect, what cannot be determined, and why.
 fn notes(
-    identified: &Identified,
+    identified: &IdentifiedArm,
     (motion, has_settled): (&Checked, bool),
     robot: &Robot,
 ) -> Vec<String> {
@@ -414,12 +414,12 @@ fn notes(
 fn of_joints(joints: &[JointEstimate], motion: &Checked) -> Vec<String> {
     let mut notes = Vec::new();
     let still: Vec<&str> = (joints.iter())
-        .filter(|joint| joint.moved < LEAST_MOTION)
+        .filter(|joint| joint.moved < MIN_MOTION)
         .map(|joint| joint.name.as_str())
         .collect();
     if !still.is_empty() {
         notes.push(format!(
-            "{} moved by less than {LEAST_MOTION} rad: nothing is known of {} friction, and its bias and gravity are \
+            "{} moved by less than {MIN_MOTION} rad: nothing is known of {} friction, and its bias and gravity are \
              not distinguished; move every joint both ways, as `palpate excite` does",
             still.join(", "),
             if still.len() == 1 { "its" } else { "their" }
@@ -450,8 +450,16 @@ fn of_stamps(read_times: ReadTimes) -> Option<String> {
 }
 
 /// A note on the outliers that have most of the residual.
-fn far_off(few: &Few) -> String {
-    let Few { samples, of, share, largest, touch, rows: [from, to], without: [gravity, own] } = few;
+fn far_off(few: &ResidualOutliers) -> String {
+    let ResidualOutliers {
+        samples,
+        of,
+        share,
+        largest,
+        touch,
+        rows: [from, to],
+        without: [gravity, own],
+    } = few;
     format!(
         "{samples} of {of} samples have {:.0} % of the squared residual on held-out motion (residuals up to \
          {largest:.1} N·m), most of it in touch {touch}, samples {from} to {to} (from 0): the arm jerks there, or is \
@@ -461,14 +469,14 @@ fn far_off(few: &Few) -> String {
 }
 
 /// What may be wrong, if the model does not fit held-out motion; `None` if it fits.
-fn misfit(identified: &Identified, motion: &Checked) -> Option<String> {
+fn misfit(identified: &IdentifiedArm, motion: &Checked) -> Option<String> {
     let variation = motion.variation.iter().zip(&identified.joints);
     let variation =
         variation.map(|(logged, joint)| (logged / joint.gain.value).powi(2)).sum::<f64>().sqrt();
     let held_out = &identified.held_out;
     let total = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>().sqrt();
     let (urdf, own) = (total(&held_out.urdf), total(&held_out.identified));
-    if own > MOST_RESIDUAL * variation {
+    if own > MAX_RESIDUAL * variation {
         Some(format!(
             "on motion that was held out {own:.2} N·m remain unexplained of torques that vary by {variation:.2} N·m: \
              is it another robot, are its joints in another order, the angles in degrees (--angle-unit deg), the \

@@ -11,18 +11,18 @@ use palpate::Ripple;
 use palpate::unstable::RIPPLE_COEFFICIENTS;
 use rayon::prelude::*;
 
+use super::contact_samples::MEDIAN;
 use super::rows::FOLDS;
-use super::touched::MEDIAN;
 use crate::upper_median::upper_median;
 
 /// Orders that are tried, up to twice the number of a gear's teeth; lower orders belong to gravity and bias.
 const ORDERS: std::ops::RangeInclusive<u32> = 20..=700;
 /// Number of orders of an arm.
-const MOST_ORDERS: usize = 2;
+const MAX_ORDERS: usize = 2;
 /// Most samples in the search for an order.
-const MOST_SAMPLES: usize = 6_000;
+const MAX_SAMPLES: usize = 6_000;
 /// With fewer samples (five for each coefficient of a joint's gears), no ripple is estimated.
-const LEAST_SAMPLES: usize = 5 * MOST_ORDERS * RIPPLE_COEFFICIENTS;
+const MIN_SAMPLES: usize = 5 * MAX_ORDERS * RIPPLE_COEFFICIENTS;
 /// Added to the diagonal in the ridge regression, so that coefficients stay small that few samples determine.
 const RIDGE: f64 = 3.0;
 /// Samples with a residual torque above this many robust standard deviations are not used.
@@ -30,7 +30,7 @@ const FAR_OFF: f64 = 5.0;
 /// The arm counts as moving from this fraction of its top speed on.
 const MOVING: f64 = 0.1;
 /// The fraction of the squared residual that the ripple of a further joint must explain on held-out motion.
-const LEAST_RIPPLE: f64 = 0.02;
+const MIN_RIPPLE: f64 = 0.02;
 
 /// A sample, and the residual of its external torques.
 #[derive(Debug, Clone)]
@@ -57,7 +57,7 @@ impl RippleSample {
 pub(super) fn find(samples: &[RippleSample]) -> [Vec<Vec<Ripple>>; FOLDS + 1] {
     let n = samples.first().map_or(0, |sample| sample.q.len());
     let samples = &usual(samples, n)[..];
-    if samples.len() < LEAST_SAMPLES {
+    if samples.len() < MIN_SAMPLES {
         return from_fn(|_| vec![Vec::new(); n]);
     }
     let fits: Vec<Regression> =
@@ -93,7 +93,7 @@ fn sources(folds: &[Regression], n: usize, j: usize) -> Vec<usize> {
         let tried = others.map(|other| [&found[..], &[other]].concat());
         let best = tried.map(|of| (left(&of), of)).min_by(|a, b| a.0.total_cmp(&b.0));
         match best {
-            Some((now, of)) if now < least - LEAST_RIPPLE * before => (least, found) = (now, of),
+            Some((now, of)) if now < least - MIN_RIPPLE * before => (least, found) = (now, of),
             _ => return found,
         }
     }
@@ -121,12 +121,12 @@ impl Regression {
         let own: Vec<Vec<usize>> = (0..n).map(|j| vec![j]).collect();
         let learned: Vec<&RippleSample> =
             samples.iter().filter(|sample| sample.fold != fold).collect();
-        let mut orders = Vec::with_capacity(MOST_ORDERS);
+        let mut orders = Vec::with_capacity(MAX_ORDERS);
         let mut left: Vec<RippleSample> = (learned.iter())
-            .step_by(learned.len().div_ceil(MOST_SAMPLES).max(1))
+            .step_by(learned.len().div_ceil(MAX_SAMPLES).max(1))
             .map(|sample| (*sample).clone())
             .collect();
-        for _ in 0..MOST_ORDERS {
+        for _ in 0..MAX_ORDERS {
             let order = best_order(&left);
             orders.push(order);
             // The next order is searched in the residual after ripple of each joint's own gears.

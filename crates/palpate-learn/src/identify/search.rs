@@ -4,21 +4,21 @@ use palpate::{Robot, Sample, TorqueSign};
 use rayon::prelude::*;
 
 use super::IdentifyError;
+use super::contact_samples::Touched;
 use super::posterior::Posterior;
 use super::prior::Start;
-use super::rows::{RegressionSettings, Rows, Turning};
-use super::touched::Touched;
+use super::rows::{FrictionReversal, RegressionSettings, Rows};
 
 /// Half windows for speeds and accelerations that are tried, s.
 const WINDOWS_S: [f64; 6] = [0.05, 0.1, 0.17, 0.25, 0.35, 0.5];
 /// Friction at reversals at the start of the search.
-const TURNING: Turning = Turning { presliding: 1e-3, stribeck: 0.03 };
+const TURNING: FrictionReversal = FrictionReversal { presliding: 1e-3, stribeck: 0.03 };
 /// Most steps of the search for delay and presliding distances.
 const STEPS: usize = 14;
 /// The search has converged if the remaining delay is below this fraction of the sampling interval.
 const SETTLED: f64 = 0.02;
 /// Largest delay of the search, s, in both directions.
-const MOST_DELAY_S: f64 = 0.3;
+const MAX_DELAY_S: f64 = 0.3;
 
 /// Input of the search.
 pub(super) struct Search<'a> {
@@ -85,7 +85,7 @@ impl Search<'_> {
                 _ => left,
             };
             last = Some((settings.delay_s, left));
-            settings.delay_s = (settings.delay_s + step).clamp(-MOST_DELAY_S, MOST_DELAY_S);
+            settings.delay_s = (settings.delay_s + step).clamp(-MAX_DELAY_S, MAX_DELAY_S);
             (rows, posterior) = self.solve(&settings)?;
         }
         Ok(Fit { settings, rows, posterior, has_settled })

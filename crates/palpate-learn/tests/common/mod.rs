@@ -7,7 +7,7 @@ use std::sync::Arc;
 use palpate::{Arm, Sample};
 use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, load_arm};
-use palpate_learn::tracked::Touch;
+use palpate_learn::tracked::TouchSamples;
 
 /// Folder of the touches.
 pub(crate) const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../data/plant_a");
@@ -18,7 +18,7 @@ pub(crate) fn arm() -> Arc<Arm> {
 }
 
 /// The touches with these numbers.
-pub(crate) fn touches(numbers: &[usize]) -> Vec<Touch> {
+pub(crate) fn touches(numbers: &[usize]) -> Vec<TouchSamples> {
     let read = |number: &usize| {
         let name = format!("seq_{number:03}");
         let log = log::open(&Path::new(DATA).join(&name), &LogOptions::default());
@@ -28,7 +28,7 @@ pub(crate) fn touches(numbers: &[usize]) -> Vec<Touch> {
                 LogEvent::TouchStarts { .. } => None,
             })
             .collect();
-        Touch { name, samples, truth: None }
+        TouchSamples { name, samples, truth: None }
     };
     numbers.iter().map(read).collect()
 }

@@ -10,7 +10,7 @@ pub enum Cause {
     #[error("palpate has ended")]
     Ended,
     #[error("{of} external torque of joint `{joint}` is {torque_n_m:.2} N·m")]
-    Limit { joint: String, torque_n_m: f64, of: Torque },
+    Limit { joint: String, torque_n_m: f64, of: TorqueSource },
     #[error("no joint state can be used any more: {0}")]
     Refused(String),
     #[error("no joint state comes")]
@@ -39,7 +39,7 @@ pub enum Cause {
 
 /// Which torque exceeds the limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Torque {
+pub enum TorqueSource {
     /// The measured torque.
     Measured,
     /// The predicted torque.
@@ -48,7 +48,7 @@ pub enum Torque {
     Band,
 }
 
-impl fmt::Display for Torque {
+impl fmt::Display for TorqueSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Measured => "the measured",

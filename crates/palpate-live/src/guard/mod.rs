@@ -2,7 +2,7 @@
 //!
 //! The flag is down only while all of this holds: joint states come and can be used, the mapper keeps
 //! up, there is a tare with little bias, and no joint's external torque exceeds the limit, neither
-//! measured nor predicted. A [`Sentry`] checks each joint state on arrival, before it waits for the
+//! measured nor predicted. A [`JointStateMonitor`] checks each joint state on arrival, before it waits for the
 //! mapper; predicted torque and tare come from the mapper. Silence is detected when [`Guard::cause`]
 //! is called.
 //!
@@ -16,8 +16,8 @@ use std::time::{Duration, Instant};
 use nalgebra::DVector;
 use palpate::Arm;
 
-pub use cause::{Cause, Torque};
-pub use sentry::Sentry;
+pub use cause::{Cause, TorqueSource};
+pub use sentry::JointStateMonitor;
 pub(crate) use sentry::{DEAD, are_dead};
 
 mod cause;
@@ -55,7 +55,7 @@ impl GuardConfig {
 
 /// Largest change of an automatic tare from that of the free arm, as a share of the limit; a larger one is refused. The
 /// torque at which the flag goes up may shift by this much.
-const MOST_CHANGE: f64 = 0.5;
+const MAX_CHANGE: f64 = 0.5;
 
 /// Watches the external torque. All clones share one state.
 #[derive(Debug, Clone)]
@@ -122,8 +122,8 @@ impl Guard {
             return Some(Cause::Ended);
         }
         let measured = state.untared.as_ref().zip(state.tare.as_ref());
-        let over =
-            measured.and_then(|(untared, tare)| self.over(&(untared - tare), Torque::Measured));
+        let over = measured
+            .and_then(|(untared, tare)| self.over(&(untared - tare), TorqueSource::Measured));
         if let Some(over) = over.or_else(|| state.mapped_over.clone()) {
             return Some(over);
         }
@@ -140,7 +140,7 @@ impl Guard {
     }
 
     /// The joint with the largest torque, if it exceeds the limit. `torques`: n_joints, N·m; NaN if unknown.
-    fn over(&self, torques: &DVector<f64>, of: Torque) -> Option<Cause> {
+    fn over(&self, torques: &DVector<f64>, of: TorqueSource) -> Option<Cause> {
         let (joint, &torque_n_m) = largest(torques)?;
         (torque_n_m.abs() > self.config.limit_n_m).then(|| Cause::Limit {
             joint: self.joints[joint].clone(),
@@ -184,10 +184,10 @@ impl Guard {
         let over = torques.and_then(|(measured, predicted)| {
             let band = || {
                 let outer = predicted.zip_map(half_width?, |own, width| own + width.copysign(own));
-                self.over(&outer, Torque::Band)
+                self.over(&outer, TorqueSource::Band)
             };
-            self.over(measured, Torque::Measured)
-                .or_else(|| self.over(predicted, Torque::Predicted))
+            self.over(measured, TorqueSource::Measured)
+                .or_else(|| self.over(predicted, TorqueSource::Predicted))
                 .or_else(band)
         });
         self.state().mapped_over = over;
@@ -213,7 +213,7 @@ impl Guard {
         if let Some(free) = state.free.as_ref().filter(|_| !state.resets)
             && let change = bias - free
             && let Some((joint, &change_n_m)) = largest(&change)
-            && change_n_m.abs() > MOST_CHANGE * self.config.limit_n_m
+            && change_n_m.abs() > MAX_CHANGE * self.config.limit_n_m
         {
             let joint = self.joints[joint].clone();
             let loaded = Cause::TareChanged { joint, change_n_m };

@@ -12,10 +12,10 @@ use crate::joints::JointReader;
 use crate::message::JointState;
 
 /// If gravity exerts a larger torque than this on some joint, N·m, efforts of exactly zero are wrong.
-const LEAST_WEIGHT: f64 = 1.0;
+const MIN_WEIGHT: f64 = 1.0;
 /// An arm faster than this, rad/s or m/s, on average over [`SPEED_OVER`], cannot stop from one sample to the
 /// next.
-const LEAST_SPEED: f64 = 0.1;
+const MIN_SPEED: f64 = 0.1;
 /// Time over which the speed is averaged.
 const SPEED_OVER: Duration = Duration::from_millis(100);
 
@@ -26,11 +26,11 @@ const FROZEN: &str = "positions and efforts repeat to the last bit, and the arm 
 /// Whether all efforts are exactly zero although the joints carry the weight of the arm. `untared`: torques before the
 /// tare, which are then the torques of gravity alone, n_joints, N·m.
 pub(crate) fn are_dead(efforts: &[f64], untared: &DVector<f64>) -> bool {
-    efforts.iter().all(|effort| *effort == 0.0) && untared.amax() > LEAST_WEIGHT
+    efforts.iter().all(|effort| *effort == 0.0) && untared.amax() > MIN_WEIGHT
 }
 
 /// Checks joint states on arrival, and reports them to a guard.
-pub struct Sentry {
+pub struct JointStateMonitor {
     guard: Guard,
     arm: Arc<Arm>,
     config: ExternalTorqueConfig,
@@ -51,7 +51,7 @@ struct Last {
     before: VecDeque<(Instant, Vec<f64>)>,
 }
 
-impl Sentry {
+impl JointStateMonitor {
     /// A sentry for an arm; `config` are sign, gravity and tare of its torques.
     pub fn new(guard: Guard, arm: Arc<Arm>, config: ExternalTorqueConfig) -> Self {
         let joints: Vec<String> = arm.robot.joint_names().map(str::to_owned).collect();
@@ -106,7 +106,7 @@ impl Sentry {
         let ((since, first), (_, q)) = (&before[0], &before[before.len() - 1]);
         let ways = q.iter().zip(first).map(|(now, before)| (now - before).abs());
         let way = ways.fold(0.0, f64::max);
-        let moved = way > LEAST_SPEED * passed(*since).max(SPEED_OVER).as_secs_f64();
+        let moved = way > MIN_SPEED * passed(*since).max(SPEED_OVER).as_secs_f64();
         self.last = Some(Last { bits, since: now, moved, before });
         false
     }

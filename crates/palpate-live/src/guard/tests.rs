@@ -29,7 +29,7 @@ fn arm() -> Arc<Arm> {
 /// A robot with a guard of limit 5 N·m, and a clock.
 struct Scene {
     guard: Guard,
-    sentry: Sentry,
+    sentry: JointStateMonitor,
     start: Instant,
     /// Time since the start, ms.
     now_ms: u64,
@@ -49,7 +49,7 @@ impl Scene {
     fn new() -> Self {
         let arm = arm();
         let guard = Guard::new(GuardConfig::new(5.0), &arm);
-        let sentry = Sentry::new(guard.clone(), arm, ExternalTorqueConfig::default());
+        let sentry = JointStateMonitor::new(guard.clone(), arm, ExternalTorqueConfig::default());
         let state = JointState {
             header: Header::default(),
             name: vec!["one".to_owned(), "two".to_owned()],
@@ -89,7 +89,7 @@ impl Scene {
     }
 }
 
-fn limit(joint: &str, torque_n_m: f64, of: Torque) -> Option<Cause> {
+fn limit(joint: &str, torque_n_m: f64, of: TorqueSource) -> Option<Cause> {
     Some(Cause::Limit { joint: joint.to_owned(), torque_n_m, of })
 }
 
@@ -118,14 +118,14 @@ fn torques_beyond_the_limit_raise_it_at_once_whatever_else_is_wrong_with_a_sampl
             state.effort[1] = -5.1;
             spoil(state);
         });
-        assert_eq!((ms, cause), (10, limit("two", -5.1, Torque::Measured)));
+        assert_eq!((ms, cause), (10, limit("two", -5.1, TorqueSource::Measured)));
     }
     let mut scene = Scene::safe();
     let (ms, cause) = scene.play(100, |state| state.effort[0] = f64::INFINITY);
-    assert_eq!((ms, cause), (10, limit("one", MAX_TORQUE, Torque::Measured)));
+    assert_eq!((ms, cause), (10, limit("one", MAX_TORQUE, TorqueSource::Measured)));
     let scene = Scene::safe();
     scene.guard.mapped(Some(&(dvector![0.0, 1.0], dvector![0.0, 6.0])), None);
-    assert_eq!(scene.cause(), limit("two", 6.0, Torque::Predicted));
+    assert_eq!(scene.cause(), limit("two", 6.0, TorqueSource::Predicted));
 }
 
 #[test]
@@ -137,7 +137,7 @@ fn the_outer_end_of_a_band_counts_only_where_it_is_asked_for() {
     scene.guard.mapped(Some(&torques), Some(&dvector![0.5, 0.9]));
     assert_eq!(scene.play(100, |_| {}).1, None);
     scene.guard.mapped(Some(&torques), Some(&dvector![0.5, 1.5]));
-    assert_eq!(scene.cause(), limit("two", -5.5, Torque::Band));
+    assert_eq!(scene.cause(), limit("two", -5.5, TorqueSource::Band));
     let text = scene.cause().map(|cause| cause.to_string()).unwrap_or_default();
     assert!(text.contains("outer end of the band") && text.contains("-5.50 N·m"), "{text}");
 }
@@ -182,7 +182,7 @@ fn a_clock_that_jumps_blinds_it_for_no_longer_than_the_time_of_silence() {
             state.header.stamp.sec += sec;
             state.effort[0] = 5.5;
         });
-        assert_eq!((ms, cause), (10, limit("one", 5.5, Torque::Measured)));
+        assert_eq!((ms, cause), (10, limit("one", 5.5, TorqueSource::Measured)));
     }
 }
 
@@ -227,7 +227,10 @@ fn an_arm_that_gravity_does_not_explain_is_loaded_before_its_first_tare_and_afte
     assert_eq!(scene.cause(), Some(loaded));
     let (ms, cause) = scene.play(10, |state| state.effort[0] = 7.5);
     assert!(ms == 10 && matches!(cause, Some(Cause::Loaded { .. })), "what was up stays up");
-    assert_eq!(scene.guard.reset(scene.now()), Err(limit("one", 5.5, Torque::Measured).unwrap()));
+    assert_eq!(
+        scene.guard.reset(scene.now()),
+        Err(limit("one", 5.5, TorqueSource::Measured).unwrap())
+    );
 }
 
 #[test]
@@ -246,7 +249,7 @@ fn having_stood_still_raises_it_unless_it_was_up_and_stays() {
 #[test]
 fn only_a_reset_takes_it_back_and_only_when_it_is_safe() {
     let mut scene = Scene::safe();
-    let raised = limit("one", 7.0, Torque::Measured);
+    let raised = limit("one", 7.0, TorqueSource::Measured);
     assert_eq!(scene.play(10, |state| state.effort[0] = 7.0).1, raised);
     assert_eq!(scene.guard.reset(scene.now()), Err(raised.clone().unwrap()));
     scene.play(10, |_| {});
@@ -263,7 +266,7 @@ fn only_a_reset_takes_it_back_and_only_when_it_is_safe() {
     scene.play(10, |state| state.effort[0] = 3.0);
     scene.guard.tare(&dvector![3.0, 0.0]).unwrap();
     assert_eq!(scene.cause(), None);
-    let limit = limit("one", -5.5, Torque::Measured);
+    let limit = limit("one", -5.5, TorqueSource::Measured);
     assert_eq!(scene.play(10, |state| state.effort[0] = -2.5).1, limit, "3 N·m are bias");
 }
 

@@ -7,7 +7,7 @@ use super::{Header, Stamp};
 
 /// `trajectory_msgs/msg/JointTrajectoryPoint`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct JointTrajectoryPoint {
+pub(crate) struct JointTrajectoryPoint {
     /// Joint positions, rad or m.
     pub positions: Vec<f64>,
     /// Joint velocities, rad/s or m/s; empty if unknown.
@@ -22,7 +22,7 @@ pub struct JointTrajectoryPoint {
 
 /// `trajectory_msgs/msg/JointTrajectory`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct JointTrajectory {
+pub(crate) struct JointTrajectory {
     /// Time and coordinate frame.
     pub header: Header,
     /// Joint names, in the order of the numbers of every point.
@@ -33,7 +33,7 @@ pub struct JointTrajectory {
 
 /// The request of `palpate_ros/srv/AskTrajectory`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct AskTrajectoryRequest {
+pub(crate) struct AskTrajectoryRequest {
     /// The trajectory: positions of all joints at every point, in any order of joints.
     pub trajectory: JointTrajectory,
     /// Level of the band, from 0 to below 1; 0 stands for the default level of the field.
@@ -44,7 +44,7 @@ impl Message for AskTrajectoryRequest {}
 
 /// The response of `palpate_ros/srv/AskTrajectory`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct AskTrajectoryResponse {
+pub(crate) struct AskTrajectoryResponse {
     /// Whether the request was answered.
     pub success: bool,
     /// The reason if it was not answered.

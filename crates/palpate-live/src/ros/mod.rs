@@ -19,14 +19,14 @@ mod supervisor;
 mod topic;
 mod wire;
 
-pub use names::Names;
-pub use network::{NetworkConfig, NetworkError, Services};
-pub use parameters::{Parameter, Value};
+pub use names::TopicNames;
+pub use network::{NetworkConfig, NetworkError, ServiceEncoding};
+pub use parameters::{ParamValue, Parameter};
 pub use process::run as run_network;
 pub use publisher::FlagTopics;
 pub(crate) use supervisor::Listener;
 pub use supervisor::NetworkProcess;
 pub use topic::{TopicSeen, choose};
 pub(crate) use wire::{
-    Arrival, Asked, Counts, FromNetwork, Request, Response, ToNetwork, Torques, Trigger,
+    Arrival, Asked, Counts, FromNetwork, Request, Response, ToNetwork, TorqueMessage, Trigger,
 };

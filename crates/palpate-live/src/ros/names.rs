@@ -25,7 +25,7 @@ const OTHERS: [&str; 4] =
 
 /// Name and namespace of the node, and remapping rules.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Names {
+pub struct TopicNames {
     /// Name of the node.
     pub(super) node: String,
     /// Prefix of the names of palpate's own topics; empty, or begins with a slash.
@@ -34,13 +34,13 @@ pub struct Names {
     rules: Vec<(String, String)>,
 }
 
-impl Default for Names {
+impl Default for TopicNames {
     fn default() -> Self {
         Self { node: "palpate".to_owned(), namespace: String::new(), rules: Vec::new() }
     }
 }
 
-impl Names {
+impl TopicNames {
     /// Parses rules such as `/palpate/stop:=/arm/stop`, `__node:=left_hand` and `__ns:=/left`.
     ///
     /// # Errors
@@ -128,8 +128,8 @@ impl Names {
 mod tests {
     use super::*;
 
-    fn names(rules: &[&str]) -> Result<Names, String> {
-        Names::new(&rules.iter().map(|&rule| rule.to_owned()).collect::<Vec<_>>())
+    fn names(rules: &[&str]) -> Result<TopicNames, String> {
+        TopicNames::new(&rules.iter().map(|&rule| rule.to_owned()).collect::<Vec<_>>())
     }
 
     #[test]
@@ -155,7 +155,7 @@ mod tests {
         assert!(names.are_own("/safety/stop") && names.are_own("/right/palpate/torque_external"));
         assert!(names.are_own("/left/diag") && !names.are_own("/lab/palpate/joint_states"));
         assert_eq!(names.renamed("/joint_states"), None);
-        assert_eq!(Names::default().of("/palpate/stop"), "/palpate/stop");
+        assert_eq!(TopicNames::default().of("/palpate/stop"), "/palpate/stop");
     }
 
     #[test]

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::clock::RosClock;
 use super::loopback;
-use super::names::Names;
+use super::names::TopicNames;
 use super::topic::TopicSeen;
 
 /// Settings for joining the network.
@@ -21,9 +21,9 @@ pub struct NetworkConfig {
     /// Communicate with processes on this machine only.
     pub localhost: bool,
     /// Wire format of service requests.
-    pub services: Services,
+    pub services: ServiceEncoding,
     /// Names of node and topics.
-    pub names: Names,
+    pub names: TopicNames,
     /// Whether to take the time from `/clock`.
     pub sim_time: bool,
 }
@@ -31,7 +31,7 @@ pub struct NetworkConfig {
 /// Wire format of service requests, which differs between DDS implementations of ROS 2.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Services {
+pub enum ServiceEncoding {
     /// Of `rmw_fastrtps_cpp` and `rmw_connextdds`: the request id is sent beside the data.
     #[default]
     Enhanced,
@@ -39,7 +39,7 @@ pub enum Services {
     Cyclone,
 }
 
-impl Services {
+impl ServiceEncoding {
     pub(super) fn mapping(self) -> ServiceMapping {
         match self {
             Self::Enhanced => ServiceMapping::Enhanced,
@@ -92,8 +92,8 @@ impl NetworkError {
 pub(super) struct Network {
     context: Context,
     pub(super) node: Node,
-    pub(super) services: Services,
-    pub(super) names: Names,
+    pub(super) services: ServiceEncoding,
+    pub(super) names: TopicNames,
     pub(super) clock: RosClock,
     localhost: bool,
 }

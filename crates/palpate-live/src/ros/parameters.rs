@@ -22,7 +22,7 @@ const MOST: usize = 256;
 /// Value of a parameter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[allow(missing_docs)] // the types are the names
-pub enum Value {
+pub enum ParamValue {
     Bool(bool),
     Number(f64),
     Text(String),
@@ -34,7 +34,7 @@ pub struct Parameter {
     /// Name of the parameter.
     pub name: String,
     /// Its value.
-    pub value: Value,
+    pub value: ParamValue,
     /// Description for the user.
     pub about: String,
 }
@@ -129,7 +129,7 @@ impl Parameters {
     }
 
     /// Applies `of` to the value of each named parameter, for at most [`MOST`] names.
-    fn each<T>(&self, names: &[String], of: impl Fn(Option<&Value>) -> T) -> Vec<T> {
+    fn each<T>(&self, names: &[String], of: impl Fn(Option<&ParamValue>) -> T) -> Vec<T> {
         let names = names.iter().take(MOST);
         names.map(|name| of(self.find(name).map(|found| &found.value))).collect()
     }
@@ -156,7 +156,7 @@ impl Parameters {
     }
 }
 
-impl Value {
+impl ParamValue {
     /// Whether a message contains this value.
     fn is(&self, raw: &ParameterValue) -> bool {
         match self {
@@ -168,7 +168,7 @@ impl Value {
 }
 
 /// The message for a value, or for no value.
-fn raw(value: Option<&Value>) -> ParameterValue {
+fn raw(value: Option<&ParamValue>) -> ParameterValue {
     let mut raw = ParameterValue {
         ptype: ParameterType::NOT_SET,
         boolean_value: false,
@@ -183,11 +183,13 @@ fn raw(value: Option<&Value>) -> ParameterValue {
     };
     match value {
         None => {}
-        Some(Value::Bool(value)) => (raw.ptype, raw.boolean_value) = (ParameterType::BOOL, *value),
-        Some(Value::Number(value)) => {
+        Some(ParamValue::Bool(value)) => {
+            (raw.ptype, raw.boolean_value) = (ParameterType::BOOL, *value)
+        }
+        Some(ParamValue::Number(value)) => {
             (raw.ptype, raw.double_value) = (ParameterType::DOUBLE, *value)
         }
-        Some(Value::Text(value)) => {
+        Some(ParamValue::Text(value)) => {
             (raw.ptype, raw.string_value) = (ParameterType::STRING, value.clone());
         }
     }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::clock::RosClock;
 use super::network::{Network, NetworkError, parse};
-use super::wire::Torques;
+use super::wire::TorqueMessage;
 use crate::diagnostics;
 use crate::message::{Bool, DiagnosticArray, JointState, PointCloud2, Text, WrenchStamped};
 
@@ -143,26 +143,26 @@ impl Publishers {
     }
 
     /// Publishes the predicted torque of a sample; returns false if the message was dropped.
-    pub(super) fn predicted(&self, torques: &Torques) -> bool {
+    pub(super) fn predicted(&self, torques: &TorqueMessage) -> bool {
         let predicted = torques.predicted_n_m.clone();
         self.predicted.publish(self.joint_state(torques, predicted)).is_ok()
     }
 
     /// Publishes the external torque of a sample; returns false if the message was dropped.
-    pub(super) fn external(&self, torques: &Torques) -> bool {
+    pub(super) fn external(&self, torques: &TorqueMessage) -> bool {
         let external = torques.external_n_m.clone();
         self.external.publish(self.joint_state(torques, external)).is_ok()
     }
 
     /// Publishes standard deviation and detected contact, if known; returns false if a message was dropped.
-    pub(super) fn detection(&self, torques: &Torques) -> bool {
+    pub(super) fn detection(&self, torques: &TorqueMessage) -> bool {
         let Some(detection) = &torques.detection else { return true };
         let std = self.joint_state(torques, detection.std_n_m.clone());
         let std = self.std.publish(std).is_ok();
         self.touched.publish(Bool { data: detection.touched }).is_ok() && std
     }
 
-    fn joint_state(&self, torques: &Torques, effort: Vec<f64>) -> JointState {
+    fn joint_state(&self, torques: &TorqueMessage, effort: Vec<f64>) -> JointState {
         JointState::of_torques(torques.header.clone(), &self.joints, effort)
     }
 

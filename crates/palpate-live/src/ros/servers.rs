@@ -15,9 +15,9 @@ use crate::message::{
 };
 
 /// Largest number of points of a trajectory; longer requests are refused. Its answer takes half a megabyte.
-const MOST_POINTS: usize = 2_000;
+const MAX_POINTS: usize = 2_000;
 /// Largest number of joints of a trajectory.
-const MOST_JOINTS: usize = 64;
+const MAX_JOINTS: usize = 64;
 
 /// The servers of all services.
 pub(super) struct Servers {
@@ -120,9 +120,9 @@ impl Servers {
 /// If the trajectory is too large, or a point has not one position for each joint name.
 fn bounded(trajectory: &mut JointTrajectory) -> Result<(), String> {
     let (points, joints) = (trajectory.points.len(), trajectory.joint_names.len());
-    if points > MOST_POINTS || joints > MOST_JOINTS {
+    if points > MAX_POINTS || joints > MAX_JOINTS {
         return Err(format!(
-            "the trajectory has {points} points of {joints} joints, more than {MOST_POINTS} of {MOST_JOINTS}; ask in pieces"
+            "the trajectory has {points} points of {joints} joints, more than {MAX_POINTS} of {MAX_JOINTS}; ask in pieces"
         ));
     }
     for (number, point) in trajectory.points.iter_mut().enumerate() {

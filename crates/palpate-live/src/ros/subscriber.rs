@@ -20,7 +20,7 @@ use crate::message::{Clock, DynamicJointState, JointState, Text};
 const DEPTH: usize = 2048;
 
 /// Largest number of values or names of a joint state.
-const MOST_JOINTS: usize = 1000;
+const MAX_JOINTS: usize = 1000;
 /// Largest length of a joint name, bytes.
 const LONGEST_NAME: usize = 256;
 
@@ -28,7 +28,7 @@ const LONGEST_NAME: usize = 256;
 const PEEK: Duration = Duration::from_millis(200);
 
 /// Largest number of broken messages read in one call.
-const MOST_BROKEN: u32 = 1000;
+const MAX_BROKEN: u32 = 1000;
 
 /// Subscriptions to joint states, and to `/clock` if time is simulated.
 pub(super) struct Subscriber {
@@ -184,7 +184,7 @@ impl Subscriber {
             self.now.set(clock);
         }
         let mut broken = 0;
-        while broken < MOST_BROKEN {
+        while broken < MAX_BROKEN {
             let state = match self.joints.take() {
                 Ok(Some((state, info))) => {
                     self.count(info.publisher_gid(), info.sequence_number());
@@ -217,10 +217,10 @@ impl Subscriber {
 /// Refuses a joint state that is too large; removes the values that are not used.
 fn check_size(mut state: JointState) -> Result<JointState, String> {
     let most = state.name.len().max(state.position.len()).max(state.effort.len());
-    if most > MOST_JOINTS || state.name.iter().any(|name| name.len() > LONGEST_NAME) {
+    if most > MAX_JOINTS || state.name.iter().any(|name| name.len() > LONGEST_NAME) {
         return Err(format!(
             "it has {most} numbers or names, of which some may be long; wanted at most \
-             {MOST_JOINTS}, and names of at most {LONGEST_NAME} bytes"
+             {MAX_JOINTS}, and names of at most {LONGEST_NAME} bytes"
         ));
     }
     state.velocity = Vec::new();

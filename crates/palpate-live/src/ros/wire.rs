@@ -43,7 +43,7 @@ pub(crate) enum ToNetwork {
     Subscribe(TopicSeen),
     /// The guard's flag: up for a cause, down for `None`.
     Flag(Option<String>),
-    Torques(Torques),
+    Torques(TorqueMessage),
     Contacts(PointCloud2),
     Field(PointCloud2),
     Diagnostics(DiagnosticArray),
@@ -84,7 +84,7 @@ pub(crate) struct Arrival {
 
 /// The torques of a sample.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct Torques {
+pub(crate) struct TorqueMessage {
     /// Stamp of the sample.
     pub(crate) header: Header,
     /// Arrival of the sample.

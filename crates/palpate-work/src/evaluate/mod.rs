@@ -6,18 +6,18 @@ use palpate::unstable::ElasticBody;
 use palpate::{Arm, ContactConfig, Field, MapperConfig};
 use palpate_learn::LearnError;
 use palpate_learn::elastic::model;
-use palpate_learn::evaluate::{Part, Plan};
+use palpate_learn::evaluate::{EvaluationPlan, FoldPrediction};
 use palpate_learn::evaluation::Evaluation;
 use palpate_learn::folds::Fold;
 use palpate_learn::method::{self, Method};
-use palpate_learn::tracked::{Touch, Tracked};
-use palpate_learn::tune::{Effort, Given, Search, Tuned, Tuner};
+use palpate_learn::tracked::{TouchSamples, TrackedTouches};
+use palpate_learn::tune::{FixedSettings, Search, SearchBudget, Tuned, Tuner};
 
 use crate::elastic::simulate_bodies;
 use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::touches::RecordedTouch;
-use crate::tune::{FEWEST, Tune};
+use crate::tune::{MIN_TUNING_TOUCHES, Tune};
 
 mod plan;
 
@@ -26,9 +26,9 @@ pub use plan::{as_touches, configs, each_once, folds, make_unique, method_of, re
 /// Storage of finished parts, so that an interrupted evaluation can continue.
 ///
 /// The default methods store nothing.
-pub trait Keep: Sync {
+pub trait ResultStore: Sync {
     /// Parts that were finished before.
-    fn parts(&self) -> Vec<Part> {
+    fn parts(&self) -> Vec<FoldPrediction> {
         Vec::new()
     }
 
@@ -38,7 +38,7 @@ pub trait Keep: Sync {
     }
 
     /// Stores a part, if possible.
-    fn keep_part(&self, _part: &Part) {}
+    fn keep_part(&self, _part: &FoldPrediction) {}
 
     /// Stores tuned settings under a name, if possible.
     fn keep_tuned(&self, _name: &str, _tuned: &Tuned) {}
@@ -51,18 +51,18 @@ pub trait Keep: Sync {
 
 /// Stores nothing.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Nowhere;
+pub struct NoStore;
 
-impl Keep for Nowhere {}
+impl ResultStore for NoStore {}
 
 /// Input of an evaluation.
-pub struct Work<'a> {
+pub struct EvaluationJob<'a> {
     /// The robot.
     pub arm: &'a Arc<Arm>,
     /// The touches as read, for errors that name the log.
     pub recorded: &'a [RecordedTouch],
     /// The touches as they are evaluated.
-    pub touches: &'a [Touch],
+    pub touches: &'a [TouchSamples],
     /// The methods, in the order of the table.
     pub methods: Vec<Method>,
     /// Which touches are predicted from which.
@@ -74,13 +74,13 @@ pub struct Work<'a> {
     /// How the settings are chosen in every fold.
     pub tune: Tune,
     /// Settings that the user has given, which a quick search does not change.
-    pub given: Given,
+    pub given: FixedSettings,
     /// Whether predictions are compared with true torques.
     pub truth: bool,
     /// Possible elastic bodies of the object, for [`Method::Elastic`]; empty without a cloud.
     pub bodies: Vec<Arc<ElasticBody>>,
-    /// The touches as tracked by [`follow`] under the settings of `map`, if that was done before.
-    pub followed: Option<Arc<Tracked>>,
+    /// The touches as tracked by [`track`] under the settings of `map`, if that was done before.
+    pub followed: Option<Arc<TrackedTouches>>,
 }
 
 /// Result of an evaluation.
@@ -90,12 +90,12 @@ pub struct Evaluated {
     /// Settings of `map` and `ekf` in every computed fold, if they were tuned.
     pub tuned: Option<Vec<[MapperConfig; 2]>>,
     /// The touches, tracked under the given settings.
-    tracked: Arc<Tracked>,
+    tracked: Arc<TrackedTouches>,
     /// The tuner of `map`, if its settings were tuned.
     tuner: Option<Tuner>,
 }
 
-impl Work<'_> {
+impl EvaluationJob<'_> {
     /// Computes all parts that are not stored already, and combines them.
     ///
     /// # Errors
@@ -103,27 +103,27 @@ impl Work<'_> {
     /// If a sample cannot be used, a method cannot learn, or on being stopped.
     pub fn evaluate(
         &self,
-        keep: &dyn Keep,
+        keep: &dyn ResultStore,
         progress: &dyn Progress,
     ) -> Result<Evaluated, WorkError> {
         let config = &self.estimators[0];
         let tracked = match &self.followed {
             Some(followed) => Arc::clone(followed),
             None => Arc::new(
-                follow(self.arm, config, self.touches, progress)
+                track(self.arm, config, self.touches, progress)
                     .map_err(|error| self.fault(error, keep))?,
             ),
         };
         let tracked = self.bend(tracked, (keep, progress))?;
         let (estimators, tuner) = self.in_folds(&tracked, (keep, progress))?;
-        let plan = Plan {
+        let plan = EvaluationPlan {
             methods: self.methods.clone(),
             folds: self.folds.clone(),
             todo: self.todo.clone(),
             config: config.clone(),
             estimators,
         };
-        let mut parts: Vec<Part> = keep.parts();
+        let mut parts: Vec<FoldPrediction> = keep.parts();
         parts.retain(|part| plan.has(part, &tracked));
         if !parts.is_empty() {
             let done = parts.len();
@@ -149,20 +149,20 @@ impl Work<'_> {
     pub fn field(
         &self,
         evaluated: &mut Evaluated,
-        (keep, progress): (&dyn Keep, &dyn Progress),
+        (keep, progress): (&dyn ResultStore, &dyn Progress),
     ) -> Result<Field, WorkError> {
         let (mut tracked, mut config) = (&*evaluated.tracked, &self.estimators[0]);
         let everything: Vec<usize> = (0..self.touches.len()).collect();
         let stop = || progress.stopped();
         let (tuned, other);
-        let is_tuned = self.search(Method::Map).is_some() && everything.len() >= FEWEST;
+        let is_tuned = self.search(Method::Map).is_some() && everything.len() >= MIN_TUNING_TOUCHES;
         if is_tuned && tracked.settled().is_none() {
             let (tuner, train) = (&mut evaluated.tuner, ("tuned-map-all", &everything[..]));
             tuned = self.tuned(tuner, train, tracked, (Method::Map, &|| ()), (keep, progress))?;
             let given = std::mem::replace(&mut config, &tuned);
             if config.contact != given.contact {
                 other = tracked
-                    .under(&config.contact, self.arm, given, (self.touches, 1), &stop)
+                    .with_contact_model(&config.contact, self.arm, given, (self.touches, 1), &stop)
                     .map_err(|error| self.fault(error, keep))?;
                 tracked = &other;
             }
@@ -180,9 +180,9 @@ impl Work<'_> {
     /// Adds the torques of the elastic bodies, if [`Method::Elastic`] is evaluated.
     fn bend(
         &self,
-        tracked: Arc<Tracked>,
-        (keep, progress): (&dyn Keep, &dyn Progress),
-    ) -> Result<Arc<Tracked>, WorkError> {
+        tracked: Arc<TrackedTouches>,
+        (keep, progress): (&dyn ResultStore, &dyn Progress),
+    ) -> Result<Arc<TrackedTouches>, WorkError> {
         let wanted = self.methods.contains(&Method::Elastic);
         if self.bodies.is_empty() || !wanted {
             return Ok(tracked);
@@ -201,14 +201,14 @@ impl Work<'_> {
     /// of `map`.
     fn in_folds(
         &self,
-        tracked: &Tracked,
-        (keep, progress): (&dyn Keep, &dyn Progress),
+        tracked: &TrackedTouches,
+        (keep, progress): (&dyn ResultStore, &dyn Progress),
     ) -> Result<(Vec<[MapperConfig; 2]>, Option<Tuner>), WorkError> {
         let mut of_map = None;
         let mut in_folds = vec![self.estimators.clone(); self.folds.len()];
         for (index, method) in [Method::Map, Method::Ekf].into_iter().enumerate() {
             let Some(search) = self.search(method) else { continue };
-            let can_tune = |fold: &&usize| self.folds[**fold].train.len() >= FEWEST;
+            let can_tune = |fold: &&usize| self.folds[**fold].train.len() >= MIN_TUNING_TOUCHES;
             let todo: Vec<usize> = self.todo.iter().filter(can_tune).copied().collect();
             if todo.is_empty() {
                 continue;
@@ -239,7 +239,7 @@ impl Work<'_> {
             _ if !self.methods.contains(&method) => None,
             (Tune::Off, _) | (Tune::Quick, Method::Ekf) => None,
             (Tune::Quick, _) => Some(Search::quick(config, self.given)),
-            (Tune::Thorough, _) => Some(Search::thorough(config, Effort::of(config.method))),
+            (Tune::Thorough, _) => Some(Search::thorough(config, SearchBudget::of(config.method))),
         }
     }
 
@@ -248,9 +248,9 @@ impl Work<'_> {
         &self,
         tuner: &mut Option<Tuner>,
         (name, train): (&str, &[usize]),
-        tracked: &Tracked,
+        tracked: &TrackedTouches,
         (method, done): (Method, &dyn Fn()),
-        (keep, progress): (&dyn Keep, &dyn Progress),
+        (keep, progress): (&dyn ResultStore, &dyn Progress),
     ) -> Result<MapperConfig, WorkError> {
         if let Some(tuned) = keep.tuned(name) {
             return Ok(tuned.config);
@@ -273,10 +273,10 @@ impl Work<'_> {
     /// Computes the remaining parts, one contact model after another.
     fn do_parts(
         &self,
-        plan: &Plan,
-        tracked: &Tracked,
-        (keep, progress): (&dyn Keep, &dyn Progress),
-        parts: &mut Vec<Part>,
+        plan: &EvaluationPlan,
+        tracked: &TrackedTouches,
+        (keep, progress): (&dyn ResultStore, &dyn Progress),
+        parts: &mut Vec<FoldPrediction>,
     ) -> Result<(), WorkError> {
         let stop = || progress.stopped();
         let all = plan.parts();
@@ -297,7 +297,7 @@ impl Work<'_> {
                 tracked
             } else {
                 other = tracked
-                    .under(contact, self.arm, &plan.config, (self.touches, 1), &stop)
+                    .with_contact_model(contact, self.arm, &plan.config, (self.touches, 1), &stop)
                     .map_err(|error| self.fault(error, keep))?;
                 &other
             };
@@ -316,7 +316,7 @@ impl Work<'_> {
         Ok(())
     }
 
-    fn fault(&self, error: LearnError, keep: &dyn Keep) -> WorkError {
+    fn fault(&self, error: LearnError, keep: &dyn ResultStore) -> WorkError {
         fault(self.recorded, error, keep.kept_message())
     }
 }
@@ -325,15 +325,15 @@ impl Work<'_> {
 ///
 /// # Errors
 ///
-/// As [`Tracked::new`].
-pub fn follow(
+/// As [`TrackedTouches::new`].
+pub fn track(
     arm: &Arc<Arm>,
     config: &MapperConfig,
-    touches: &[Touch],
+    touches: &[TouchSamples],
     progress: &dyn Progress,
-) -> Result<Tracked, LearnError> {
+) -> Result<TrackedTouches, LearnError> {
     progress.note("following the touches");
-    Tracked::new(arm, config, touches, &|| progress.stopped())
+    TrackedTouches::new(arm, config, touches, &|| progress.stopped())
 }
 
 /// Turns an error of learning into one that names the log; `kept` is the text about stored results if the work was

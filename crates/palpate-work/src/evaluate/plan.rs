@@ -5,7 +5,7 @@ use std::sync::Arc;
 use palpate::{Arm, EstimatorKind, MapperConfig};
 use palpate_learn::folds::{self, Fold};
 use palpate_learn::method::Method;
-use palpate_learn::tracked::Touch;
+use palpate_learn::tracked::TouchSamples;
 
 use crate::error::WorkError;
 use crate::inspect::counted;
@@ -64,7 +64,7 @@ pub fn each_once(given: &[Method], has_body: bool) -> Result<Vec<Method>, WorkEr
 ///
 /// If there are too few touches, or no touch has a given name.
 pub fn folds(
-    touches: &[Touch],
+    touches: &[TouchSamples],
     groups: Option<u32>,
     test: &[String],
 ) -> Result<Vec<Fold>, WorkError> {
@@ -104,7 +104,7 @@ pub fn share(folds: usize, (number, shares): (usize, usize)) -> Result<Vec<usize
 }
 
 /// The fold that predicts the named touches from all others.
-fn testing(touches: &[Touch], test: &[String]) -> Result<Fold, WorkError> {
+fn testing(touches: &[TouchSamples], test: &[String]) -> Result<Fold, WorkError> {
     let place = |name: &String| {
         touches.iter().position(|touch| touch.name == *name).ok_or_else(|| {
             let names: Vec<&str> = touches.iter().map(|touch| &*touch.name).collect();
@@ -147,7 +147,7 @@ pub fn read(
     (arm, settings): (&Arc<Arm>, &Settings),
     truth: bool,
     progress: &dyn Progress,
-) -> Result<(Vec<RecordedTouch>, Vec<Touch>), WorkError> {
+) -> Result<(Vec<RecordedTouch>, Vec<TouchSamples>), WorkError> {
     settings.log.check_for(&arm.robot)?;
     let recorded = touches.read_to_learn(arm, settings, None, progress)?;
     let touches = as_touches(&recorded, truth)?;
@@ -155,7 +155,7 @@ pub fn read(
 }
 
 /// The touches as they are evaluated, with unique names.
-pub fn as_touches(recorded: &[RecordedTouch], truth: bool) -> Result<Vec<Touch>, WorkError> {
+pub fn as_touches(recorded: &[RecordedTouch], truth: bool) -> Result<Vec<TouchSamples>, WorkError> {
     let mut names = Vec::new();
     let touch = |one: &RecordedTouch| {
         let ambiguous = recorded.iter().filter(|other| other.name == one.name).count() > 1;
@@ -166,7 +166,7 @@ pub fn as_touches(recorded: &[RecordedTouch], truth: bool) -> Result<Vec<Touch>,
         };
         make_unique(&mut name, &mut names);
         let truth = truth.then(|| predict::truth(&one.log, &one.name)).transpose()?;
-        Ok(Touch { name, samples: one.samples.clone(), truth })
+        Ok(TouchSamples { name, samples: one.samples.clone(), truth })
     };
     recorded.iter().map(touch).collect()
 }

@@ -2,11 +2,11 @@
 
 use std::fmt;
 
-use palpate_learn::extrapolate::Method;
-use palpate_learn::extrapolate::compare::{Plan, Row};
+use palpate_learn::extrapolate::ExtrapolationMethod;
+use palpate_learn::extrapolate::compare::{ComparisonPlan, VariantErrors};
 
 /// Fewest touches for a comparison on halves.
-pub(super) const FEWEST_TOUCHES: usize = 4;
+pub(super) const MIN_TOUCHES: usize = 4;
 
 /// Another method is chosen if its error is smaller by more than this share; extrapolation does not help if it
 /// increases the error by more than half of this share.
@@ -14,7 +14,7 @@ const MARGIN: f64 = 0.02;
 
 /// Torque errors of one half of the touches, predicted from the other half; means over random halves.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HeldOut {
+pub struct HeldOutErrors {
     /// Error of the field alone.
     pub without: f64,
     /// Error with the extrapolated stiffness in cells that the field has not touched.
@@ -23,14 +23,18 @@ pub struct HeldOut {
     pub relative: bool,
 }
 
-impl HeldOut {
+impl HeldOutErrors {
     /// The best method of a comparison by [`Plan::methods`], and its errors; the first method if none helps.
-    pub(super) fn of(plan: &Plan, rows: &[Row]) -> Option<(Method, Self)> {
+    pub(super) fn of(
+        plan: &ComparisonPlan,
+        rows: &[VariantErrors],
+    ) -> Option<(ExtrapolationMethod, Self)> {
         let relative = rows.iter().all(|row| row.means().0.is_some());
-        let error = |row: &Row| if relative { row.means().0 } else { Some(row.means().1) };
+        let error =
+            |row: &VariantErrors| if relative { row.means().0 } else { Some(row.means().1) };
         let errors: Vec<f64> = rows.iter().filter_map(error).collect();
         let [_zero, without, _again, with_each @ ..] = &errors[..] else { return None };
-        let mut found: Option<(Method, f64)> = None;
+        let mut found: Option<(ExtrapolationMethod, f64)> = None;
         for (variant, &error) in plan.variants.iter().zip(with_each) {
             if found.is_none_or(|(_, best)| error < (1.0 - MARGIN) * best) {
                 found = Some((variant.method, error));
@@ -51,7 +55,7 @@ impl HeldOut {
     }
 }
 
-impl fmt::Display for HeldOut {
+impl fmt::Display for HeldOutErrors {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { without, with, relative } = self;
         let unit = if *relative { " of that of predicting zero" } else { " N·m" };
@@ -65,48 +69,54 @@ impl fmt::Display for HeldOut {
 
 #[cfg(test)]
 mod tests {
-    use palpate_learn::extrapolate::Config;
+    use palpate_learn::extrapolate::ExtrapolationConfig;
 
     use super::*;
 
     /// Rows of a comparison: predicting zero, without prior, learnt again from the first method, then with each method.
-    fn rows(errors: [f64; 5]) -> Vec<Row> {
-        let row =
-            |error| Row { name: String::new(), avg_error: vec![error], avg_relative: vec![error] };
+    fn rows(errors: [f64; 5]) -> Vec<VariantErrors> {
+        let row = |error| VariantErrors {
+            name: String::new(),
+            avg_error: vec![error],
+            avg_relative: vec![error],
+        };
         errors.map(row).to_vec()
     }
 
     #[test]
     fn the_first_method_is_left_only_for_one_that_is_clearly_better() {
-        let plan = Plan::methods(&Config::default());
+        let plan = ComparisonPlan::methods(&ExtrapolationConfig::default());
         for (errors, method, with) in [
-            ([1.0, 0.8, 0.5, 0.600, 0.595], Method::Torque, 0.600),
-            ([1.0, 0.8, 0.5, 0.600, 0.580], Method::Cells, 0.580),
-            ([1.0, 0.8, 0.5, 0.600, 0.900], Method::Torque, 0.600),
+            ([1.0, 0.8, 0.5, 0.600, 0.595], ExtrapolationMethod::Torque, 0.600),
+            ([1.0, 0.8, 0.5, 0.600, 0.580], ExtrapolationMethod::Cells, 0.580),
+            ([1.0, 0.8, 0.5, 0.600, 0.900], ExtrapolationMethod::Torque, 0.600),
         ] {
-            let (chosen, found) = HeldOut::of(&plan, &rows(errors)).unwrap();
+            let (chosen, found) = HeldOutErrors::of(&plan, &rows(errors)).unwrap();
             assert_eq!((chosen, found.with, found.without), (method, with, 0.8));
         }
     }
 
     #[test]
     fn what_predicts_worse_than_the_field_alone_does_not_help() {
-        let plan = Plan::methods(&Config::default());
-        for (without, method, helps) in
-            [(0.9, Method::Cells, true), (0.6, Method::Cells, true), (0.5, Method::Torque, false)]
-        {
-            let (chosen, found) = HeldOut::of(&plan, &rows([1.0, without, 0.1, 0.7, 0.6])).unwrap();
+        let plan = ComparisonPlan::methods(&ExtrapolationConfig::default());
+        for (without, method, helps) in [
+            (0.9, ExtrapolationMethod::Cells, true),
+            (0.6, ExtrapolationMethod::Cells, true),
+            (0.5, ExtrapolationMethod::Torque, false),
+        ] {
+            let (chosen, found) =
+                HeldOutErrors::of(&plan, &rows([1.0, without, 0.1, 0.7, 0.6])).unwrap();
             assert_eq!((chosen, found.helps()), (method, helps), "{without}");
         }
     }
 
     #[test]
     fn faint_touches_are_compared_by_their_errors_in_newton_metres() {
-        let plan = Plan::methods(&Config::default());
+        let plan = ComparisonPlan::methods(&ExtrapolationConfig::default());
         let mut faint = rows([0.4, 0.3, 0.2, 0.2, 0.1]);
         faint.iter_mut().for_each(|row| row.avg_relative.clear());
-        let (method, found) = HeldOut::of(&plan, &faint).unwrap();
-        assert_eq!((method, found.relative, found.with), (Method::Cells, false, 0.1));
+        let (method, found) = HeldOutErrors::of(&plan, &faint).unwrap();
+        assert_eq!((method, found.relative, found.with), (ExtrapolationMethod::Cells, false, 0.1));
         assert!(found.to_string().contains("0.100 N·m"), "{found}");
     }
 }

@@ -6,19 +6,20 @@ use std::sync::Arc;
 use nalgebra::{DVector, Point3};
 use palpate::{Arm, CellId, Field, MapperConfig};
 use palpate_io::cloud::Cloud;
-use palpate_io::field::Saved;
-use palpate_learn::extrapolate::compare::{Plan, Row};
+use palpate_io::field::SavedField;
+use palpate_learn::extrapolate::compare::{ComparisonPlan, VariantErrors};
 use palpate_learn::extrapolate::{
-    Config, Extrapolation, Features, Method, REACH_CELLS, SeenCloud, extrapolate,
+    Extrapolation, ExtrapolationConfig, ExtrapolationMethod, Features, REACH_CELLS, SeenCloud,
+    extrapolate,
 };
-use palpate_learn::tracked::{Tracked, TrackedTouch};
+use palpate_learn::tracked::{TrackedTouch, TrackedTouches};
 
-mod back;
+mod fill_field;
 mod held_out;
 mod torque_evidence;
 
-pub use back::filled;
-pub use held_out::HeldOut;
+pub use fill_field::filled;
+pub use held_out::HeldOutErrors;
 pub use torque_evidence::remembers;
 
 use crate::error::WorkError;
@@ -27,9 +28,9 @@ use crate::quantile::bounds;
 
 /// Given settings of an extrapolation; the others are derived from them.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Chosen {
+pub struct ExtrapolationSettings {
     /// Method of extrapolation.
-    pub method: Option<Method>,
+    pub method: Option<ExtrapolationMethod>,
     /// Features by which points are compared.
     pub features: Option<Features>,
     /// Largest distance of a cell from the seen point to which it belongs, in cells.
@@ -39,17 +40,17 @@ pub struct Chosen {
 }
 
 /// Input of an extrapolation.
-pub struct Work<'a> {
+pub struct ExtrapolationJob<'a> {
     /// The robot.
     pub arm: &'a Arc<Arm>,
     /// The field.
-    pub saved: &'a Saved,
+    pub saved: &'a SavedField,
     /// Paths of field and cloud, for messages.
     pub names: [&'a Path; 2],
     /// The cloud, with colours.
     pub cloud: &'a Cloud,
     /// The settings that are given.
-    pub given: Chosen,
+    pub given: ExtrapolationSettings,
     /// Number of random halves for a comparison, if one is asked for.
     pub halves: Option<u32>,
     /// Whether the arm is to be drawn in its touches.
@@ -61,13 +62,13 @@ pub struct Work<'a> {
 }
 
 /// Result of an extrapolation.
-pub struct Found {
+pub struct ExtrapolationResult {
     /// The cloud, prepared for the extrapolation.
     pub seen: SeenCloud,
     /// All settings, given and derived.
-    pub config: Config,
+    pub config: ExtrapolationConfig,
     /// Errors on held-out touches, if the method was chosen by them.
-    pub held_out: Option<HeldOut>,
+    pub held_out: Option<HeldOutErrors>,
     /// The stiffness of every point.
     pub extrapolation: Extrapolation,
     /// Cells of the field's lattice at seen points, each with its expected stiffness, N/m; empty if the field predicts
@@ -78,7 +79,7 @@ pub struct Found {
     /// Joint positions of each remembered touch where the torque is largest, rad.
     pub touching: Vec<Vec<f64>>,
     /// The comparison on halves, if one was asked for.
-    pub rows: Option<Vec<Row>>,
+    pub rows: Option<Vec<VariantErrors>>,
 }
 
 /// Warns of a cloud whose points all have the same colour, or of which many are far from the touched cells.
@@ -118,14 +119,20 @@ fn warn_of_far_points(points: &[Point3<f64>], field: &Field, progress: &dyn Prog
     }
 }
 
-impl Work<'_> {
+/// Number of touches, and of their frames in contact.
+fn counts(tracked: &TrackedTouches) -> (usize, usize) {
+    let frames = tracked.touches.iter().map(TrackedTouch::frames_in_contact).sum();
+    (tracked.touches.len(), frames)
+}
+
+impl ExtrapolationJob<'_> {
     /// Runs the extrapolation.
     ///
     /// # Errors
     ///
     /// If a setting is out of its range, the field was learnt with another robot, the touched cells and the cloud do
     /// not meet, or on being stopped.
-    pub fn run(&self, progress: &dyn Progress) -> Result<Found, WorkError> {
+    pub fn run(&self, progress: &dyn Progress) -> Result<ExtrapolationResult, WorkError> {
         let colours = self.cloud.colours().expect("a cloud without colours was refused");
         warn_of_odd_cloud(colours, (self.cloud.points(), &self.saved.field), progress);
         let seen = SeenCloud::new(self.cloud.points(), colours).map_err(WorkError::file)?;
@@ -133,14 +140,14 @@ impl Work<'_> {
         config.check().map_err(|error| WorkError::Usage(error.to_string()))?;
         let remembered = self.remembered(&config, progress)?;
         let tracked = remembered.as_ref().map(|(tracked, _)| tracked);
-        let carry = |config: &Config| {
+        let carry = |config: &ExtrapolationConfig| {
             let carried = extrapolate(&seen, &self.saved.field, tracked, config);
             carried.map_err(|error| self.fault(&error))
         };
         // Faults of field and cloud come before any comparison.
         let mut extrapolation = carry(&config)?;
         unless_stopped(self.kept, progress)?;
-        let compare = |plan: &Plan, label: &str| {
+        let compare = |plan: &ComparisonPlan, label: &str| {
             let Some((tracked, mapper)) = &remembered else { return Ok(None) };
             let bar = progress.begin(Some(u64::from(plan.halves)), "halves", label);
             let rows = plan.run(tracked, &seen, mapper, &|| progress.stopped(), &|| bar.step());
@@ -149,10 +156,10 @@ impl Work<'_> {
         };
         let mut held_out = None;
         let touches = tracked.map_or(0, |tracked| tracked.touches.len());
-        if self.given.method.is_none() && touches >= held_out::FEWEST_TOUCHES {
-            let plan = Plan::methods(&config);
+        if self.given.method.is_none() && touches >= held_out::MIN_TOUCHES {
+            let plan = ComparisonPlan::methods(&config);
             let rows = compare(&plan, "choosing the method")?;
-            if let Some((method, found)) = rows.and_then(|rows| HeldOut::of(&plan, &rows)) {
+            if let Some((method, found)) = rows.and_then(|rows| HeldOutErrors::of(&plan, &rows)) {
                 if method != config.method {
                     config.method = method;
                     extrapolation = carry(&config)?;
@@ -170,16 +177,15 @@ impl Work<'_> {
             }
         };
         let rows = match self.halves {
-            Some(halves) => compare(&Plan { halves, ..Plan::of(&config) }, "comparing")?,
+            Some(halves) => {
+                compare(&ComparisonPlan { halves, ..ComparisonPlan::of(&config) }, "comparing")?
+            }
             None => None,
         };
         let touching = tracked.iter().flat_map(|tracked| &tracked.touches).filter_map(deepest);
-        Ok(Found {
+        Ok(ExtrapolationResult {
             touching: touching.collect(),
-            remembered: tracked.map(|tracked| {
-                let frames = tracked.touches.iter().map(TrackedTouch::frames_in_contact).sum();
-                (tracked.touches.len(), frames)
-            }),
+            remembered: tracked.map(counts),
             cells,
             seen,
             config,
@@ -192,16 +198,17 @@ impl Work<'_> {
     /// The remembered touches, tracked, with their settings; `None` if they are not needed or there are none.
     fn remembered(
         &self,
-        config: &Config,
+        config: &ExtrapolationConfig,
         progress: &dyn Progress,
-    ) -> Result<Option<(Tracked, MapperConfig)>, WorkError> {
+    ) -> Result<Option<(TrackedTouches, MapperConfig)>, WorkError> {
         if let Some(model) = &self.saved.field.elastic {
             progress.note(&format!(
                 "the field has an elastic body: in its predictions, K has a weight of {:.0} %",
                 100.0 * (1.0 - model.share)
             ));
         }
-        let wanted = config.method == Method::Torque || self.halves.is_some() || self.drawn;
+        let wanted =
+            config.method == ExtrapolationMethod::Torque || self.halves.is_some() || self.drawn;
         let Some(snapshot) =
             self.saved.snapshot.as_ref().filter(|_| wanted && remembers(self.saved))
         else {
@@ -228,23 +235,27 @@ fn unless_stopped(kept: &str, progress: &dyn Progress) -> Result<(), WorkError> 
 
 /// Completes the given settings: the method depends on whether the field remembers touches, and the features depend on
 /// the method.
-fn config(given: &Chosen, saved: &Saved, progress: &dyn Progress) -> Config {
+fn config(
+    given: &ExtrapolationSettings,
+    saved: &SavedField,
+    progress: &dyn Progress,
+) -> ExtrapolationConfig {
     let method = given.method.unwrap_or_else(|| {
         if remembers(saved) {
-            return Method::Torque;
+            return ExtrapolationMethod::Torque;
         }
         progress
             .note("the field remembers no touch: `knn` on its cells takes the place of `torque`");
-        Method::Knn
+        ExtrapolationMethod::Knn
     });
     let features = given.features.unwrap_or_else(|| match method {
-        Method::Knn => "rgb".parse().expect("our own name"),
+        ExtrapolationMethod::Knn => "rgb".parse().expect("our own name"),
         _ => Features::default(),
     });
-    let mut config = Config { method, features, ..Config::default() };
+    let mut config = ExtrapolationConfig { method, features, ..ExtrapolationConfig::default() };
     config.reach_cells = given.reach_cells.unwrap_or(match method {
-        Method::Knn => config.reach_cells,
-        Method::Torque | Method::Cells => reach_cells(saved),
+        ExtrapolationMethod::Knn => config.reach_cells,
+        ExtrapolationMethod::Torque | ExtrapolationMethod::Cells => reach_cells(saved),
     });
     config.length_scale = given.length_scale.unwrap_or(config.length_scale);
     config
@@ -252,7 +263,7 @@ fn config(given: &Chosen, saved: &Saved, progress: &dyn Progress) -> Config {
 
 /// How far in front of a surface its stiffness may lie in a field, in cells: the contact distance, within which links
 /// push points, plus one cell.
-fn reach_cells(saved: &Saved) -> f64 {
+fn reach_cells(saved: &SavedField) -> f64 {
     let (contact, lattice) = (&saved.field.contact, &saved.field.lattice);
     (contact.contact_distance_m / lattice.spacing_m() + 1.0).clamp(REACH_CELLS[0], REACH_CELLS[1])
 }
@@ -262,8 +273,8 @@ fn reach_cells(saved: &Saved) -> f64 {
 /// # Errors
 ///
 /// If there is no such method, with the names that exist.
-pub fn method_of(name: &str) -> Result<Method, String> {
-    let all = [Method::Torque, Method::Cells, Method::Knn];
+pub fn method_of(name: &str) -> Result<ExtrapolationMethod, String> {
+    let all = [ExtrapolationMethod::Torque, ExtrapolationMethod::Cells, ExtrapolationMethod::Knn];
     let found = all.into_iter().find(|method| method.name() == name);
     found.ok_or_else(|| "there are torque, cells and knn".to_owned())
 }

@@ -5,14 +5,14 @@ use std::sync::Arc;
 
 use palpate::unstable::LoggedTouch;
 use palpate::{Arm, MapperConfig, Snapshot};
-use palpate_io::field::Saved;
-use palpate_learn::tracked::{Touch, Tracked};
+use palpate_io::field::SavedField;
+use palpate_learn::tracked::{TouchSamples, TrackedTouches};
 
 use crate::error::WorkError;
 use crate::progress::Progress;
 
 /// Whether a field remembers touches.
-pub fn remembers(saved: &Saved) -> bool {
+pub fn remembers(saved: &SavedField) -> bool {
     saved
         .snapshot
         .as_ref()
@@ -29,7 +29,7 @@ pub(super) fn recalled(
     path: &Path,
     arm: &Arc<Arm>,
     progress: &dyn Progress,
-) -> Result<(Tracked, MapperConfig), WorkError> {
+) -> Result<(TrackedTouches, MapperConfig), WorkError> {
     let name = path.display();
     let (learnt, fingerprint) = &snapshot.robot;
     if *fingerprint != arm.fingerprint() {
@@ -39,7 +39,7 @@ pub(super) fn recalled(
             arm.robot.name()
         )));
     }
-    let touches: Vec<Touch> = snapshot
+    let touches: Vec<TouchSamples> = snapshot
         .sample_log
         .iter()
         .filter(|touch| !touch.open)
@@ -54,13 +54,13 @@ pub(super) fn recalled(
         ));
     }
     progress.note(&format!("following {} remembered touches again", touches.len()));
-    let tracked = Tracked::new(arm, &snapshot.config, &touches, &|| progress.stopped());
+    let tracked = TrackedTouches::new(arm, &snapshot.config, &touches, &|| progress.stopped());
     let tracked = tracked.map_err(|error| WorkError::from(format!("`{name}`: {error}")))?;
     Ok((tracked, snapshot.config.clone()))
 }
 
-fn of(logged: &LoggedTouch, n_joints: usize) -> Touch {
-    Touch {
+fn of(logged: &LoggedTouch, n_joints: usize) -> TouchSamples {
+    TouchSamples {
         name: format!("touch {}", logged.touch),
         samples: logged.samples(n_joints).collect(),
         truth: None,

@@ -6,7 +6,7 @@ use palpate::{
     ContactConfig, EstimatorConfig, EstimatorKind, ExternalTorqueConfig, Lattice, Snapshot,
 };
 use palpate_io::field::npz::read_npz;
-use palpate_io::field::{self, FieldFile, Saved, SavedError};
+use palpate_io::field::{self, FieldFile, SavedError, SavedField};
 use serde::Serialize;
 
 use super::finding::Finding;
@@ -173,7 +173,7 @@ impl FieldFacts {
         }
     }
 
-    fn of_saved(path: &Path, saved: &Saved) -> Self {
+    fn of_saved(path: &Path, saved: &SavedField) -> Self {
         let field = &saved.field;
         let own = OwnFacts {
             robot: saved.robot.clone(),

@@ -46,7 +46,7 @@ pub struct Inspection {
     pub kind: Kind,
     /// Facts about its content; absent if it cannot be read.
     #[serde(flatten)]
-    pub holds: Option<Holds>,
+    pub holds: Option<FileKind>,
     /// What looks wrong, errors first.
     pub findings: Vec<Finding>,
 }
@@ -55,7 +55,7 @@ pub struct Inspection {
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
 #[allow(missing_docs)] // each holds its facts
-pub enum Holds {
+pub enum FileKind {
     Log(Box<log::LogFacts>),
     Robot(robot::RobotFacts),
     Field(Box<field::FieldFacts>),
@@ -92,15 +92,15 @@ impl<'a> Inspector<'a> {
             Err(finding) => (Kind::Unknown, None, vec![*finding]),
             Ok(Kind::Field) => {
                 let (facts, findings) = field::inspect(path);
-                (Kind::Field, facts.map(|facts| Holds::Field(Box::new(facts))), findings)
+                (Kind::Field, facts.map(|facts| FileKind::Field(Box::new(facts))), findings)
             }
             Ok(Kind::Robot) => {
                 let (facts, findings) = robot::inspect(path, &self.settings.robot)?;
-                (Kind::Robot, facts.map(Holds::Robot), findings)
+                (Kind::Robot, facts.map(FileKind::Robot), findings)
             }
             Ok(Kind::Log | Kind::Unknown) => {
                 let (facts, findings) = self.log(path)?;
-                (Kind::Log, facts.map(|facts| Holds::Log(Box::new(facts))), findings)
+                (Kind::Log, facts.map(|facts| FileKind::Log(Box::new(facts))), findings)
             }
         };
         findings.sort_by_key(|finding| Reverse(finding.level));

@@ -146,7 +146,7 @@ pub enum Auto {
 
 impl<T> OrAuto<T> {
     /// To be found from the data.
-    pub const AUTO: Self = Self::Auto(Auto::Auto);
+    pub(crate) const AUTO: Self = Self::Auto(Auto::Auto);
 
     /// The given value; `None` if it is to be found from the data.
     pub fn given(self) -> Option<T> {

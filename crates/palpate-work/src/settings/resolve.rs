@@ -87,7 +87,7 @@ impl Settings {
     ///
     /// If the convention is unknown: the field was learnt with an identified arm, the logs are read without one, and
     /// sign or gravity is not given.
-    pub fn torque_beside_field(
+    pub fn torque_convention_for_field(
         &self,
         field: &ExternalTorqueConfig,
     ) -> Result<ExternalTorqueConfig, SettingsError> {
@@ -108,7 +108,7 @@ impl Settings {
     /// # Errors
     ///
     /// If sign or gravity is not given, since they cannot be found sample by sample.
-    pub fn torque_beside_robot(&self) -> Result<ExternalTorqueConfig, SettingsError> {
+    pub fn torque_convention_for_robot(&self) -> Result<ExternalTorqueConfig, SettingsError> {
         if self.touch.torque_sign_given().is_none() || self.touch.gravity_given().is_none() {
             return Err(SettingsError::Together(
                 "with --arm or --no-map, give torque_sign (--torque-sign) and gravity (--gravity): they cannot be found \
@@ -142,7 +142,7 @@ impl RobotSettings {
     }
 
     /// The payload, if one is given.
-    pub fn payload(&self) -> Result<Option<Payload>, SettingsError> {
+    pub(crate) fn payload(&self) -> Result<Option<Payload>, SettingsError> {
         let com_link_m = self.payload_com_m.unwrap_or_default();
         match (&self.payload_link, self.payload_mass_kg) {
             (Some(link), Some(mass_kg)) => Ok(Some(Payload::new(link, mass_kg, com_link_m))),

@@ -6,7 +6,7 @@ use palpate::{Arm, ExternalTorqueConfig, Gravity, Sample, TorqueModel};
 
 use super::Touches;
 use super::conventions_of_logs::{AHEAD, touches_of};
-use crate::conventions::Given;
+use crate::conventions::KnownConvention;
 use crate::error::WorkError;
 use crate::inspect::log::{looks_wrong_as_logged, warn_of};
 use crate::progress::Progress;
@@ -40,7 +40,7 @@ impl Touches {
         }
         let strict = settings.log.strict.unwrap_or_default();
         let has_arm = settings.robot.arm.is_some();
-        let given = Given {
+        let given = KnownConvention {
             torque_sign: settings.touch.torque_sign_given(),
             gravity: settings.touch.gravity_given(),
         };

@@ -9,7 +9,7 @@ use palpate::{Arm, ExternalTorqueConfig, Gravity, Robot, Sample, TorqueSign};
 use palpate_io::log::{AngleUnit, LogEvent, reorder};
 
 use super::{RecordedTouch, Touches, is_external, is_of_currents};
-use crate::conventions::{Evidence, Given, Undecided};
+use crate::conventions::{ConventionEvidence, KnownConvention, Undecided};
 use crate::error::WorkError;
 use crate::held_joints;
 use crate::inspect::{are_degrees, are_radians, is_misread};
@@ -143,7 +143,7 @@ impl Touches {
     ///
     /// If the settings contradict the type of message, or the data do not decide the convention and that is to be
     /// refused.
-    pub fn conventions(
+    pub(crate) fn conventions(
         &mut self,
         arm: &Arm,
         settings: &mut TouchSettings,
@@ -162,17 +162,17 @@ impl Touches {
             return Ok(());
         };
         let samples: Vec<&[Sample]> = touches.iter().map(|touch| &touch.samples[..]).collect();
-        let Some(evidence) = Evidence::of(&arm.robot, &samples, set.still_rad) else {
+        let Some(evidence) = ConventionEvidence::of(&arm.robot, &samples, set.still_rad) else {
             return Ok(());
         };
         if is_misread(&mut touches, &arm.robot, (self.checked.0, &set)) {
             return Ok(()); // the check of the log warns of it
         }
-        match evidence.decide(Given { torque_sign, gravity }) {
+        match evidence.decide(KnownConvention { torque_sign, gravity }) {
             Ok(found) => {
                 let by_work = evidence.sign_by_work().filter(|_| found.gravity == Gravity::Removed);
                 let is_contradicted = by_work.is_some_and(|own| own != found.torque_sign);
-                if found.is_of_nothing() {
+                if found.is_without_torque() {
                     progress.warn(&format!("`{path}`: {found}"));
                 } else if !is_contradicted {
                     progress.note(&format!("`{path}`: {found}")); // else the check of the log warns
@@ -181,8 +181,8 @@ impl Touches {
                 settings.gravity = Some(OrAuto::Is(found.gravity));
             }
             // The given part is wrong, and the check of the log warns of it.
-            Err(_) if evidence.decide(Given::default()).is_ok() => {}
-            Err(undecided @ Undecided::Nothing(_)) => {
+            Err(_) if evidence.decide(KnownConvention::default()).is_ok() => {}
+            Err(undecided @ Undecided::NoFit(_)) => {
                 progress.warn(&format!("`{path}`: {undecided}"));
             }
             Err(undecided) => match if_undecided {

@@ -31,7 +31,7 @@ impl Touches {
     ///
     /// # Errors
     ///
-    /// As [`Touches::conventions`]; or if the arm's file cannot be read or belongs to another robot.
+    /// If the torque convention is refused, or the arm's file cannot be read or belongs to another robot.
     pub fn external(
         &mut self,
         arm: &Arc<Arm>,

@@ -91,7 +91,7 @@ impl Touches {
     }
 
     /// Touches in memory, read one after another like a log; `name` is the name of the log in errors.
-    pub fn held(name: &str, touches: Vec<RecordedTouch>) -> Self {
+    pub fn in_memory(name: &str, touches: Vec<RecordedTouch>) -> Self {
         let log = Box::new(MemoryLog::new(touches));
         Self { logs: Logs::new(vec![(PathBuf::from(name), log)], None), ..Self::default() }
     }
@@ -113,7 +113,7 @@ impl Touches {
         settings: &LogSettings,
         place: (Lattice, ContactConfig),
     ) -> Result<Self, WorkError> {
-        self.in_order_of(arm);
+        self.reorder_to(arm);
         self.arm = Some(arm.clone());
         let parted = settings.pauses();
         self.pauses = parted.map(|config| Pauses::new(arm, place, config)).transpose()?;
@@ -128,7 +128,7 @@ impl Touches {
         place: (Lattice, ContactConfig),
         set: &ExternalTorqueConfig,
     ) -> LogCheck {
-        LogCheck::new(arm, place, set, self.checked).after(&self.reported)
+        LogCheck::new(arm, place, set, self.checked).without_reported(&self.reported)
     }
 
     /// Whether the torques of any log are external torques, by its type of message.
@@ -148,7 +148,7 @@ impl Touches {
     }
 
     /// Puts joints into the order of a robot's, if the logs name them, and leaves out others.
-    pub fn in_order_of(&mut self, arm: &Arm) {
+    pub fn reorder_to(&mut self, arm: &Arm) {
         self.joints = arm.robot.joint_names().map(str::to_owned).collect();
     }
 
@@ -239,7 +239,7 @@ impl Touches {
                 // A sample of another robot is refused where it is used.
                 let arm = self.arm.as_ref();
                 if let Some(arm) = arm.filter(|arm| arm.robot.n_joints() == sample.q.len()) {
-                    arm.robot.without_turns(self.before.as_deref(), &mut sample.q);
+                    arm.robot.unwrap_angles(self.before.as_deref(), &mut sample.q);
                     self.before = Some(sample.q.clone());
                 }
                 Ok(Some(TouchEvent::Sample(sample)))
@@ -282,7 +282,7 @@ impl Touches {
         let mut touches = self.for_arm(arm, &settings.log, place.clone())?;
         let recorded = touches.read(most)?;
         touches.report_warnings(progress);
-        touches.check(arm, place, &config.touch).of(&recorded).look(progress)?;
+        touches.check(arm, place, &config.touch).of(&recorded).check(progress)?;
         Ok(recorded)
     }
 
@@ -420,7 +420,7 @@ mod tests {
         let config = Settings::default().config().unwrap();
         let place = (config.lattice, config.contact);
         let settings = LogSettings { split_idle: Some(true), ..LogSettings::default() };
-        let touches = Touches::held("day.csv", vec![touch]);
+        let touches = Touches::in_memory("day.csv", vec![touch]);
         let mut touches = touches.for_arm(&arm, &settings, place).unwrap();
         let error = touches.advance().err().unwrap().to_string();
         assert!(error.starts_with("`day.csv`: touch `push`, sample 2 (from 0): "), "{error}");

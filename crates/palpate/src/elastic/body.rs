@@ -6,11 +6,11 @@ use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::blocks::Blocks;
-use super::mobility::mobilities;
-use crate::lattice::FARTHEST_M;
+use super::effective_mass::inverse_effective_masses;
+use crate::lattice::MAX_COORDINATE_M;
 
 /// Largest number of segments of a body.
-const MOST_SEGMENTS: usize = 5_000;
+const MAX_SEGMENTS: usize = 5_000;
 /// Largest total length of the segments of a body, m.
 const LONGEST_M: f64 = 200.0;
 
@@ -76,7 +76,7 @@ impl Segment {
 #[serde(try_from = "Vec<Segment>", into = "Vec<Segment>")]
 pub struct ElasticBody {
     segments: Vec<Segment>,
-    mobilities: Vec<f64>,
+    inverse_effective_masses: Vec<f64>,
     /// By segment, which of the trees it belongs to.
     trees: Vec<u32>,
     blocks: Blocks,
@@ -86,7 +86,7 @@ pub struct ElasticBody {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
-pub enum BodyError {
+pub enum ElasticBodyError {
     /// A body without segments.
     #[error("the body has no segments")]
     Empty,
@@ -102,7 +102,7 @@ pub enum BodyError {
     #[error("{thing} of segment {segment} is {found}, wanted {wanted}")]
     Number { segment: usize, thing: &'static str, found: f64, wanted: &'static str },
     /// More segments than can be computed in the time of a sample.
-    #[error("the body has {found} segments; wanted at most {MOST_SEGMENTS}")]
+    #[error("the body has {found} segments; wanted at most {MAX_SEGMENTS}")]
     Many { found: usize },
     /// A number of the learnt model out of its range.
     #[error("{thing} of the elastic model is {found}, wanted {wanted}")]
@@ -110,9 +110,9 @@ pub enum BodyError {
 }
 
 impl TryFrom<Vec<Segment>> for ElasticBody {
-    type Error = BodyError;
+    type Error = ElasticBodyError;
 
-    fn try_from(segments: Vec<Segment>) -> Result<Self, BodyError> {
+    fn try_from(segments: Vec<Segment>) -> Result<Self, ElasticBodyError> {
         Self::new(segments)
     }
 }
@@ -129,27 +129,31 @@ impl ElasticBody {
     /// # Errors
     ///
     /// Names the first invalid segment.
-    pub fn new(segments: Vec<Segment>) -> Result<Self, BodyError> {
+    pub fn new(segments: Vec<Segment>) -> Result<Self, ElasticBodyError> {
         if segments.is_empty() {
-            return Err(BodyError::Empty);
+            return Err(ElasticBodyError::Empty);
         }
-        if segments.len() > MOST_SEGMENTS {
-            return Err(BodyError::Many { found: segments.len() });
+        if segments.len() > MAX_SEGMENTS {
+            return Err(ElasticBodyError::Many { found: segments.len() });
         }
         let mut total_m = 0.0;
         for (segment, part) in segments.iter().enumerate() {
             if let Some(parent) = part.parent.filter(|&parent| parent as usize >= segment) {
-                return Err(BodyError::Parent { segment, parent });
+                return Err(ElasticBodyError::Parent { segment, parent });
             }
             let is_block = |segment: &Segment| segment.kind == SegmentKind::Block;
             if let Some(parent) = part.parent
                 && (is_block(part) || is_block(&segments[parent as usize]))
             {
-                return Err(BodyError::Block { segment, parent });
+                return Err(ElasticBodyError::Block { segment, parent });
             }
             let check = |thing, found: f64, [low, high]: [f64; 2], wanted| {
                 let fits = (low..=high).contains(&found);
-                if fits { Ok(()) } else { Err(BodyError::Number { segment, thing, found, wanted }) }
+                if fits {
+                    Ok(())
+                } else {
+                    Err(ElasticBodyError::Number { segment, thing, found, wanted })
+                }
             };
             check("radius_m", part.radius_m, [1e-6, 10.0], "a number from 1e-6 to 10")?;
             let stiffness = ("joint_stiffness", part.joint_stiffness);
@@ -157,14 +161,14 @@ impl ElasticBody {
             check("bare_m", part.bare_m, [0.0, 10.0], "a number from 0 to 10")?;
             let coordinates = part.start_m.iter().chain(&part.end_m).chain(&part.half_width_m);
             for &coordinate in coordinates {
-                let far = [-FARTHEST_M, FARTHEST_M];
+                let far = [-MAX_COORDINATE_M, MAX_COORDINATE_M];
                 check("a coordinate", coordinate, far, "a number from -1000 to 1000")?;
             }
             total_m += part.axis().norm();
             check("the length of all up to the end", total_m, [0.0, LONGEST_M], "at most 200 m")?;
             check("the length", part.axis().norm(), [1e-6, 10.0], "a length from 1e-6 to 10 m")?;
         }
-        let mobilities = mobilities(&segments);
+        let inverse_effective_masses = inverse_effective_masses(&segments);
         let mut trees: Vec<u32> = Vec::with_capacity(segments.len());
         let mut materials: BTreeMap<u32, u32> = BTreeMap::new();
         let mut roots = 0..;
@@ -180,7 +184,7 @@ impl ElasticBody {
             trees.push(tree);
         }
         let blocks = Blocks::new(&segments);
-        Ok(Self { segments, mobilities, trees, blocks })
+        Ok(Self { segments, inverse_effective_masses, trees, blocks })
     }
 
     /// The segments, each after the one that carries it.
@@ -215,7 +219,7 @@ impl ElasticBody {
     }
 
     /// By segment, the acceleration of its centre under a unit force, 1/kg.
-    pub(super) fn mobilities(&self) -> &[f64] {
-        &self.mobilities
+    pub(super) fn inverse_effective_masses(&self) -> &[f64] {
+        &self.inverse_effective_masses
     }
 }

@@ -18,8 +18,8 @@ pub struct ElasticContactConfig {
     pub stiffness_n_per_m: f64,
     /// Tangential stiffness of a contact point, relative to the normal stiffness.
     pub tangential_share: f64,
-    /// Creep of held points, s: slip speed = this × tangential force × mobility of the segment (1/kg).
-    /// So heavy parts stick and light parts slip; 0 is Coulomb friction.
+    /// Creep of held points, s: slip speed = this × tangential force × inverse effective mass of the
+    /// segment (1/kg). So heavy parts stick and light parts slip; 0 is Coulomb friction.
     pub creep_s: f64,
     /// Speed of the fastest point of the arm in motions without times, m/s.
     pub speed_m_per_s: f64,
@@ -149,11 +149,11 @@ impl ElasticContactConfig {
         Resistance { energy, slope, curvature }
     }
 
-    /// Factor by which creep during `time_s` softens the tangential spring of a point with this mobility, 1/kg
-    /// (Maxwell's element, by implicit Euler).
-    pub(super) fn yields(&self, mobility: f64, time_s: f64) -> f64 {
+    /// Factor by which creep during `time_s` softens the tangential spring of a point, whose segment has this inverse
+    /// effective mass, 1/kg (Maxwell's element, by implicit Euler).
+    pub(super) fn yields(&self, inverse_mass: f64, time_s: f64) -> f64 {
         let kt = self.stiffness_n_per_m * self.tangential_share;
-        1.0 + time_s * self.creep_s * mobility * kt
+        1.0 + time_s * self.creep_s * inverse_mass * kt
     }
 
     /// Largest elastic tangential offset of a point with this normal force, m.

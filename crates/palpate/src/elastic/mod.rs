@@ -9,7 +9,7 @@
 //! |---------------|-----------------------------------------------------------------------------|
 //! | `body`        | segments at rest                                                            |
 //! | `blocks`      | the springs of blocks, of which cushions are made                           |
-//! | `mobility`    | acceleration of a segment under a unit force                                |
+//! | `effective_mass` | inverse effective mass: acceleration of a segment under a unit force     |
 //! | `pose`        | positions of the segments, for given rotations of the joints                |
 //! | `tree`        | Newton's equations of a tree, solved in time linear in its segments         |
 //! | `contact`     | contact forces at a point of the body inside a link                         |
@@ -23,14 +23,14 @@
 mod blocks;
 mod body;
 mod contact;
+mod effective_mass;
 mod equilibrium;
-mod mobility;
 mod model;
 mod pose;
 mod tree;
 
 pub use blocks::BLOCK_STIFFNESS_SHARES;
-pub use body::{BodyError, ElasticBody, Segment, SegmentKind};
+pub use body::{ElasticBody, ElasticBodyError, Segment, SegmentKind};
 pub use contact::ElasticContactConfig;
-pub use equilibrium::{Equilibrium, Settled};
+pub use equilibrium::{Convergence, Equilibrium};
 pub use model::{ElasticModel, ElasticTorque, ElasticVariant, limit_norm};

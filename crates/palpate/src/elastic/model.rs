@@ -6,7 +6,7 @@ use nalgebra::{DVector, Isometry3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::body::{BodyError, ElasticBody};
+use super::body::{ElasticBody, ElasticBodyError};
 use super::contact::ElasticContactConfig;
 use super::equilibrium::Equilibrium;
 use crate::arm::Arm;
@@ -14,7 +14,7 @@ use crate::lattice::{CellId, Lattice};
 use crate::robot::Poses;
 
 /// Largest number of variants of a model.
-const MOST_VARIANTS: usize = 16;
+const MAX_VARIANTS: usize = 16;
 
 /// An object as an elastic body, learnt from touches.
 ///
@@ -66,7 +66,7 @@ impl ElasticModel {
     }
 
     /// K that explains the residual of the bodies, by cell, N/m.
-    pub fn residual(&self) -> impl Iterator<Item = (CellId, f64)> {
+    pub(crate) fn residual(&self) -> impl Iterator<Item = (CellId, f64)> {
         self.residual_cells.iter().copied().zip(self.residual_n_per_m.iter().copied())
     }
 
@@ -81,14 +81,14 @@ impl ElasticModel {
     /// # Errors
     ///
     /// Names the invalid number and its range.
-    pub fn check(&self, lattice: &Lattice) -> Result<(), BodyError> {
-        let refused = |thing, found, wanted| Err(BodyError::Model { thing, found, wanted });
+    pub fn check(&self, lattice: &Lattice) -> Result<(), ElasticBodyError> {
+        let refused = |thing, found, wanted| Err(ElasticBodyError::Model { thing, found, wanted });
         let share = "a number from 0 to 1";
         let factor = "a number from 0 to 1e6";
         if self.variants.is_empty() {
-            return Err(BodyError::Empty);
+            return Err(ElasticBodyError::Empty);
         }
-        if self.variants.len() > MOST_VARIANTS {
+        if self.variants.len() > MAX_VARIANTS {
             return refused("the number of variants", self.variants.len() as f64, "at most 16");
         }
         let sum: f64 = self.variants.iter().map(|variant| variant.weight).sum();

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::{EstimatorConfig, EstimatorError, EstimatorState, LARGEST, RememberedFrame};
 use crate::replay::RngState;
-use crate::torque::{Cell, Observation};
+use crate::torque::{CellState, Observation};
 
 /// A diagonal Gaussian over the cells' unknowns: z of `map`, κ of `ekf`.
 ///
@@ -17,7 +17,7 @@ pub(crate) struct Belief {
     /// The diagonal of R, n_joints, (N·m)².
     pub(crate) torque_variance: DVector<f64>,
     /// Rest points and unknowns, by row.
-    pub(crate) cells: Vec<Cell>,
+    pub(crate) cells: Vec<CellState>,
     /// Variances of the unknowns, (N/m)², by row.
     pub(crate) variance: Vec<f64>,
     /// Number of frames that touched the cell, by row.
@@ -53,7 +53,8 @@ impl Belief {
     /// Adds new rows with the prior; `points_m` are the rest points of all rows, world frame.
     pub(crate) fn grow(&mut self, points_m: &[[f64; 3]]) {
         let known = self.cells.len().min(points_m.len());
-        self.cells.extend(points_m[known..].iter().map(|&point| Cell::new(point, self.prior_mean)));
+        self.cells
+            .extend(points_m[known..].iter().map(|&point| CellState::new(point, self.prior_mean)));
         self.fill();
     }
 
@@ -68,7 +69,7 @@ impl Belief {
         let valid = |mean: &f64| (0.0..=LARGEST).contains(mean);
         assert!(mean_n_per_m.iter().all(valid), "a prior mean is a stiffness");
         let rows = points_m.iter().zip(mean_n_per_m).skip(self.cells.len());
-        self.cells.extend(rows.map(|(&point, &mean)| Cell::new(point, mean.max(least))));
+        self.cells.extend(rows.map(|(&point, &mean)| CellState::new(point, mean.max(least))));
         self.fill();
     }
 
@@ -80,7 +81,7 @@ impl Belief {
 
     /// The unknown of a row, N/m.
     pub(crate) fn unknown(&self, row: usize) -> f64 {
-        self.cells.get(row).map_or(self.prior_mean, Cell::unknown)
+        self.cells.get(row).map_or(self.prior_mean, CellState::unknown)
     }
 
     /// The variance of a row, (N/m)².
@@ -142,7 +143,7 @@ impl Belief {
         remembered: Vec<RememberedFrame>,
         rng: RngState,
     ) -> EstimatorState {
-        let means: Vec<f64> = self.cells.iter().map(Cell::unknown).collect();
+        let means: Vec<f64> = self.cells.iter().map(CellState::unknown).collect();
         EstimatorState {
             mean: padded(&means, n_rows, self.prior_mean),
             variance: padded(&self.variance, n_rows, self.prior_variance),

@@ -41,7 +41,7 @@ pub enum LatticeError {
     /// A corner that is not finite, or too far from the world's origin.
     #[error(
         "a corner of the lattice is {found:?} m; all three coordinates must be finite, and within \
-         {FARTHEST_M} m of the world's origin; are they in millimetres?"
+         {MAX_COORDINATE_M} m of the world's origin; are they in millimetres?"
     )]
     Origin { found: [f64; 3] },
     /// More points than a 32-bit cell number can index.
@@ -54,7 +54,7 @@ pub enum LatticeError {
 
 /// Largest coordinate, in absolute value, of anything that an arm touches, m. Larger numbers are in other units, or
 /// geographic coordinates, in which numbers lose the digits that contacts need.
-pub const FARTHEST_M: f64 = 1000.0;
+pub const MAX_COORDINATE_M: f64 = 1000.0;
 
 /// A box of rest points at equal spacing, aligned with the world's axes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -123,7 +123,7 @@ impl Lattice {
         let high_m =
             std::array::from_fn(|axis| origin_m[axis] + f64::from(shape[axis] - 1) * spacing_m);
         for corner_m in [origin_m, high_m] {
-            if corner_m.iter().any(|x: &f64| x.abs() > FARTHEST_M) {
+            if corner_m.iter().any(|x: &f64| x.abs() > MAX_COORDINATE_M) {
                 return Err(LatticeError::Origin { found: corner_m });
             }
         }

@@ -17,7 +17,7 @@ use super::kinematics::{GRAVITY_M_PER_S2, Twist};
 use super::{Link, LinkId, Poses, Robot};
 
 /// Number of inertial parameters of a body: mass, mass times centre of mass, inertia about the origin of its frame.
-pub const BODY_PARAMETERS: usize = 10;
+pub const N_INERTIAL_PARAMETERS: usize = 10;
 
 impl Robot {
     /// The bodies: for each moving joint, mimic joints too, the link that it carries.
@@ -33,7 +33,7 @@ impl Robot {
     /// Inertial parameters of all bodies, from those of the links, 10 × n_bodies numbers, body by body: kg, kg·m and
     /// kg·m².
     pub fn inertial_parameters(&self) -> DVector<f64> {
-        let mut parameters = DVector::zeros(BODY_PARAMETERS * self.movers.len());
+        let mut parameters = DVector::zeros(N_INERTIAL_PARAMETERS * self.movers.len());
         for (index, link) in self.links.iter().enumerate() {
             let id = LinkId(index as u16);
             let (Some(body), Some(pose)) = (self.body_of(id), self.body_from_link(id)) else {
@@ -43,7 +43,7 @@ impl Robot {
             let com = (pose * link.com_link_m).coords;
             let about_com = rotation * link.inertia_com_kg_m2 * rotation.transpose();
             let about_origin = about_com + link.mass_kg * about(&com);
-            let mut own = parameters.rows_mut(BODY_PARAMETERS * body, BODY_PARAMETERS);
+            let mut own = parameters.rows_mut(N_INERTIAL_PARAMETERS * body, N_INERTIAL_PARAMETERS);
             own += DVector::from_column_slice(&[
                 link.mass_kg,
                 link.mass_kg * com.x,
@@ -67,7 +67,7 @@ impl Robot {
     ///
     /// If there are not ten numbers for each body.
     pub fn with_inertial_parameters(mut self, parameters: &DVector<f64>) -> Robot {
-        assert_eq!(parameters.len(), BODY_PARAMETERS * self.movers.len());
+        assert_eq!(parameters.len(), N_INERTIAL_PARAMETERS * self.movers.len());
         for index in 0..self.links.len() {
             let Some(body) = self.body_of(LinkId(index as u16)) else { continue };
             let link = &mut self.links[index];
@@ -75,7 +75,7 @@ impl Robot {
             if index == self.movers[body].child {
                 set_inertia(
                     link,
-                    parameters.rows(BODY_PARAMETERS * body, BODY_PARAMETERS).as_slice(),
+                    parameters.rows(N_INERTIAL_PARAMETERS * body, N_INERTIAL_PARAMETERS).as_slice(),
                 );
             }
         }
@@ -91,7 +91,7 @@ impl Robot {
     pub fn regressor(&self, poses: &Poses, speed: &[f64], acceleration: &[f64]) -> DMatrix<f64> {
         let n = self.n_joints();
         assert!(speed.len() == n && acceleration.len() == n, "one speed and acceleration a joint");
-        let mut regressor = DMatrix::zeros(n, BODY_PARAMETERS * self.movers.len());
+        let mut regressor = DMatrix::zeros(n, N_INERTIAL_PARAMETERS * self.movers.len());
         for (body, mover) in self.movers.iter().enumerate() {
             let link = mover.child;
             let carriers = &self.mounts[link].carriers;
@@ -109,8 +109,10 @@ impl Robot {
             for &carrier in carriers {
                 let (mover, twist) = self.carrier(poses, carrier);
                 let power = twist.linear.transpose() * &force + twist.angular.transpose() * &moment;
-                let mut row = regressor
-                    .view_mut((mover.source, BODY_PARAMETERS * body), (1, BODY_PARAMETERS));
+                let mut row = regressor.view_mut(
+                    (mover.source, N_INERTIAL_PARAMETERS * body),
+                    (1, N_INERTIAL_PARAMETERS),
+                );
                 row += mover.multiplier * power;
             }
         }
@@ -173,10 +175,10 @@ fn wrench_regressor(
     let (omega, alpha, acceleration) = (to_body * omega, to_body * alpha, to_body * acceleration);
     let turning = alpha.cross_matrix() + omega.cross_matrix() * omega.cross_matrix();
 
-    let mut force = Matrix3xX::zeros(BODY_PARAMETERS);
+    let mut force = Matrix3xX::zeros(N_INERTIAL_PARAMETERS);
     force.set_column(0, &acceleration);
     force.fixed_view_mut::<3, 3>(0, 1).copy_from(&turning);
-    let mut moment = Matrix3xX::zeros(BODY_PARAMETERS);
+    let mut moment = Matrix3xX::zeros(N_INERTIAL_PARAMETERS);
     moment.fixed_view_mut::<3, 3>(0, 1).copy_from(&-acceleration.cross_matrix());
     let turned = tensor_times(&alpha) + omega.cross_matrix() * tensor_times(&omega);
     moment.fixed_view_mut::<3, 6>(0, 4).copy_from(&turned);

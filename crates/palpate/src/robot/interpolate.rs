@@ -34,7 +34,7 @@ impl Robot {
     /// # Panics
     ///
     /// As [`Robot::difference`].
-    pub fn without_turns(&self, before: Option<&[f64]>, q: &mut [f64]) {
+    pub fn unwrap_angles(&self, before: Option<&[f64]>, q: &mut [f64]) {
         let is_first = before.is_none();
         let before = before.map_or_else(|| q.to_vec(), <[f64]>::to_vec);
         assert!(q.len() == self.n_joints() && before.len() == q.len(), "one value a joint");
@@ -112,7 +112,7 @@ mod tests {
             let way = 0.1 * f64::from(step);
             let moved = [way, 0.55 * way, way];
             let mut q = [way.rem_euclid(TAU), (0.55 * way).rem_euclid(TAU), way];
-            robot.without_turns(before.as_deref(), &mut q);
+            robot.unwrap_angles(before.as_deref(), &mut q);
             // A continuous joint goes on from its first position, -4 + 2 π.
             for (found, wanted) in q.iter().zip([moved[0] + TAU, moved[1], moved[2]]) {
                 assert!((found - wanted).abs() < 1e-12, "{q:?} for {moved:?}");
@@ -122,7 +122,7 @@ mod tests {
         // Angles that no turn brings within the limits, and degrees, stay as they are.
         for mut q in [[0.1, 2.5, 9.0], [90.0, 45.0, 0.0]] {
             let given = q;
-            robot.without_turns(None, &mut q);
+            robot.unwrap_angles(None, &mut q);
             assert_eq!(q.map(f64::to_bits), given.map(f64::to_bits));
         }
     }

@@ -26,7 +26,7 @@ mod kinematics;
 mod urdf;
 mod xml;
 
-pub use dynamics::BODY_PARAMETERS;
+pub use dynamics::N_INERTIAL_PARAMETERS;
 pub use error::RobotError;
 pub use kinematics::Poses;
 pub use xml::nests_deeper_than;
@@ -268,7 +268,7 @@ impl Robot {
     /// # Errors
     ///
     /// An unknown joint, the only moving joint, or a position that is not finite.
-    pub fn holding(mut self, joint: &str, position: f64) -> Result<Robot, RobotError> {
+    pub fn with_fixed_joint(mut self, joint: &str, position: f64) -> Result<Robot, RobotError> {
         let place = self.joints.iter().position(|own| own.name == joint);
         let held = place.ok_or_else(|| RobotError::Undeclared {
             user: "a joint that stands still".into(),
@@ -308,7 +308,7 @@ impl Robot {
     /// # Errors
     ///
     /// An unknown joint, or a name that two joints would have.
-    pub fn renaming(mut self, names: &[(&str, &str)]) -> Result<Robot, RobotError> {
+    pub fn with_renamed_joints(mut self, names: &[(&str, &str)]) -> Result<Robot, RobotError> {
         for (joint, name) in names {
             if !self.joints.iter().any(|own| own.name == *joint) {
                 return Err(RobotError::Undeclared {

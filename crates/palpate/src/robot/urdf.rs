@@ -13,7 +13,7 @@ use urdf_rs::{Geometry, JointType};
 use super::kinematics::Mover;
 use super::xml::nests_deeper_than;
 use super::{Collision, Joint, JointKind, Link, LinkId, Mount, Robot, RobotError, Shape};
-use crate::lattice::FARTHEST_M;
+use crate::lattice::MAX_COORDINATE_M;
 
 /// Largest number of links: more would not fit [`LinkId`].
 const MAX_LINKS: usize = u16::MAX as usize;
@@ -373,10 +373,10 @@ pub(super) fn check_mass(thing: &str, mass_kg: f64) -> Result<(), RobotError> {
     Err(RobotError::number(thing.to_owned(), mass_kg, "a finite mass of at least zero"))
 }
 
-/// Lengths, m: none is beyond [`FARTHEST_M`].
+/// Lengths, m: none is beyond [`MAX_COORDINATE_M`].
 pub(super) fn check_length(thing: &str, values_m: &[f64]) -> Result<(), RobotError> {
     check_finite(thing, values_m)?;
-    match values_m.iter().find(|value_m| value_m.abs() > FARTHEST_M) {
+    match values_m.iter().find(|value_m| value_m.abs() > MAX_COORDINATE_M) {
         Some(bad) => {
             let wanted = "metres, a thousand at most; is it in millimetres?";
             Err(RobotError::number(thing.to_owned(), bad, wanted))

@@ -24,7 +24,7 @@ use serde::{Deserialize, Serialize};
 use super::mesh::{Soup, Surface, TriangleMesh};
 use super::winding::{WindingTree, area_vector_of};
 use super::{DistanceGrid, SdfError, flood, primitive};
-use crate::lattice::FARTHEST_M;
+use crate::lattice::MAX_COORDINATE_M;
 use crate::robot::Collision;
 
 /// Largest number of nodes: at 5 mm, a cube of one metre. Baking takes some hundred bytes per node.
@@ -100,7 +100,7 @@ pub fn bake(solid: &Solid, config: &BakeConfig) -> Result<(DistanceGrid, BakeRep
         meshes => Some(Soup::new(meshes)?),
     };
     let surface = surface_box(&solid.primitives, soup.as_ref());
-    let lattice = Lattice::around(surface, config)?;
+    let lattice = NodeGrid::around(surface, config)?;
 
     let mut report = BakeReport::default();
     let mut nodes = vec![f64::INFINITY; lattice.len()];
@@ -164,7 +164,7 @@ pub(super) fn on_all_threads<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync + 
 
 /// Signed distance from triangles at every node: steps 1 to 5 of the module's header.
 fn bake_soup(
-    lattice: &Lattice,
+    lattice: &NodeGrid,
     triangles: &[[Point3<f64>; 3]],
     report: &mut BakeReport,
 ) -> Vec<f64> {
@@ -212,7 +212,7 @@ enum Wall {
 }
 
 /// Obstacle between a node and the next along each axis.
-fn walls(lattice: &Lattice, surface: &Surface, distance_m: &[f64], node: usize) -> [Wall; 3] {
+fn walls(lattice: &NodeGrid, surface: &Surface, distance_m: &[f64], node: usize) -> [Wall; 3] {
     std::array::from_fn(|axis| {
         let (_, Some(next)) = lattice.neighbours(node, axis) else { return Wall::None };
         if lattice.proves_free(distance_m[node], distance_m[next]) {
@@ -264,15 +264,15 @@ fn skin(
 }
 
 /// Positions of the nodes of a grid.
-pub(super) struct Lattice {
+pub(super) struct NodeGrid {
     pub origin_m: Point3<f64>,
     pub spacing_m: f64,
     pub shape: [usize; 3],
 }
 
-impl Lattice {
+impl NodeGrid {
     /// Nodes that reach at least the margin beyond a box on every side.
-    fn around([low, high]: [Point3<f64>; 2], config: &BakeConfig) -> Result<Lattice, SdfError> {
+    fn around([low, high]: [Point3<f64>; 2], config: &BakeConfig) -> Result<NodeGrid, SdfError> {
         let spacing_m = config.spacing_m;
         // A third of a cell keeps nodes off planes at round coordinates, where many faces lie.
         let origin_m = low - Vector3::repeat(config.margin_m + spacing_m / 3.0);
@@ -281,11 +281,11 @@ impl Lattice {
             return Err(SdfError::TooLarge { span_m: (high - low).into(), spacing_m });
         }
         let far = [low, high].into_iter().flat_map(|corner| [corner.x, corner.y, corner.z]);
-        if let Some(found) = far.into_iter().find(|x| x.abs() > FARTHEST_M) {
+        if let Some(found) = far.into_iter().find(|x| x.abs() > MAX_COORDINATE_M) {
             let wanted = "metres, a thousand at most; is it in millimetres?";
             return Err(SdfError::Number { thing: "a coordinate of the shape", found, wanted });
         }
-        Ok(Lattice { origin_m, spacing_m, shape: [n.x as usize, n.y as usize, n.z as usize] })
+        Ok(NodeGrid { origin_m, spacing_m, shape: [n.x as usize, n.y as usize, n.z as usize] })
     }
 
     pub(super) fn len(&self) -> usize {

@@ -5,11 +5,11 @@
 //! there the winding number defines the surface. Distances must include this surface: otherwise `φ`
 //! would jump from `+r` to `−r` across the mouth of a tube of radius `r`.
 
-use super::bake::Lattice;
+use super::bake::NodeGrid;
 
 /// Which nodes can be reached from the rim of the grid. `blocked(node, axis)`: whether the surface
 /// is between a node and the next one along an axis.
-pub(super) fn reached(lattice: &Lattice, blocked: impl Fn(usize, usize) -> bool) -> Vec<bool> {
+pub(super) fn reached(lattice: &NodeGrid, blocked: impl Fn(usize, usize) -> bool) -> Vec<bool> {
     let mut reached = vec![false; lattice.len()];
     let mut waiting: Vec<usize> = (0..lattice.len()).filter(|&n| lattice.on_rim(n)).collect();
     waiting.iter().for_each(|&node| reached[node] = true);
@@ -36,7 +36,7 @@ pub(super) fn reached(lattice: &Lattice, blocked: impl Fn(usize, usize) -> bool)
 /// first order, fast sweeping. Their error is a few per cent, but the position of an opening is not
 /// exact either.
 pub(super) fn distance_to_openings(
-    lattice: &Lattice,
+    lattice: &NodeGrid,
     winding: &[f32],
     inside: &[bool],
     distance_m: &[f64],
@@ -73,7 +73,7 @@ pub(super) fn distance_to_openings(
 }
 
 /// Spreads distances once in each of the eight directions.
-fn sweep(lattice: &Lattice, distance_m: &mut [f64]) {
+fn sweep(lattice: &NodeGrid, distance_m: &mut [f64]) {
     for directions in 0..8 {
         let ordered = |axis: usize, step: usize| {
             if directions >> axis & 1 == 0 { step } else { lattice.shape[axis] - 1 - step }
@@ -119,7 +119,7 @@ mod tests {
     use super::*;
 
     /// Nodes in a cube of ten, those of the middle four walled in.
-    fn walled(lattice: &Lattice, door: Option<usize>) -> impl Fn(usize, usize) -> bool {
+    fn walled(lattice: &NodeGrid, door: Option<usize>) -> impl Fn(usize, usize) -> bool {
         let in_middle = |node: usize| {
             let digits = [node % 10, node / 10 % 10, node / 100];
             digits.iter().all(|digit| (3..7).contains(digit))
@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn the_flood_stops_at_closed_walls_and_passes_any_opening() {
-        let lattice = Lattice { origin_m: Point3::origin(), spacing_m: 1.0, shape: [10, 10, 10] };
+        let lattice = NodeGrid { origin_m: Point3::origin(), spacing_m: 1.0, shape: [10, 10, 10] };
         let dry = |reached: Vec<bool>| reached.iter().filter(|reached| !**reached).count();
         assert_eq!(dry(reached(&lattice, walled(&lattice, None))), 4 * 4 * 4);
         assert_eq!(dry(reached(&lattice, walled(&lattice, Some(245)))), 0); // (5, 4, 2) upwards
@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn distances_spread_from_a_flat_opening_as_the_distance_from_a_plane() {
-        let lattice = Lattice { origin_m: Point3::origin(), spacing_m: 0.5, shape: [6, 6, 20] };
+        let lattice = NodeGrid { origin_m: Point3::origin(), spacing_m: 0.5, shape: [6, 6, 20] };
         let layer = |node: usize| (node / 36) as f64;
         let n = lattice.len();
         // The winding number is one half at layer 7.3; no triangle is anywhere near.

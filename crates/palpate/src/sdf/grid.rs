@@ -28,14 +28,14 @@ pub struct DistanceGrid {
 const FLAT: f64 = 1e-16;
 
 /// Eight nodes and a position between them.
-struct Cell {
+struct GridCell {
     /// Pairs along x; y runs faster than z.
     nodes_m: [[f32; 2]; 4],
     /// 0..=1 along x, y, z.
     fraction: [f32; 3],
 }
 
-impl Cell {
+impl GridCell {
     #[inline]
     fn value(&self) -> f32 {
         let [x, y, z] = self.fraction;
@@ -229,7 +229,7 @@ impl DistanceGrid {
 
     /// The cell of a point that the grid holds.
     #[inline]
-    fn cell(&self, scaled: &Vector3<f64>) -> Cell {
+    fn cell(&self, scaled: &Vector3<f64>) -> GridCell {
         let (mut index, mut fraction) = ([0; 3], [0.0; 3]);
         for axis in 0..3 {
             index[axis] = scaled[axis] as u32 as usize;
@@ -242,12 +242,12 @@ impl DistanceGrid {
             [pair[0], pair[1]]
         };
         let nodes_m = [pair(base), pair(base + row), pair(base + plane), pair(base + plane + row)];
-        Cell { nodes_m, fraction }
+        GridCell { nodes_m, fraction }
     }
 
     /// The cell nearest to a point, with the nearest position in it, and the vector from there to the point, m.
     #[cold]
-    fn nearest_cell(&self, scaled: &Vector3<f64>) -> (Cell, Vector3<f64>) {
+    fn nearest_cell(&self, scaled: &Vector3<f64>) -> (GridCell, Vector3<f64>) {
         // The last node belongs to the cell before it; NaN is replaced by the first node.
         let inside = Vector3::from_fn(|axis, _| {
             scaled[axis].max(0.0).min(self.last_cell[axis] * (1.0 - f64::EPSILON))

@@ -15,7 +15,7 @@
 //! | Eq. 3 | [`Stiffness`]            | K of κ, or of z               |          | N/m     |
 //! | Eq. 5 | [`Observation::predict`] | `τ̂ = Σ wᵢ Kᵢ`                | n_joints | N·m     |
 //! |       | [`Observation::gram`]    | `H P Hᵀ`, P diagonal          | n × n    | (N·m)²  |
-//! |       | [`Observation::spread`]  | `Hᵀ d`, contact by contact    |          |         |
+//! |       | [`Observation::transpose_times`] | `Hᵀ d`, contact by contact    |          |         |
 //!
 //! Here H consists of levers, without the sign of κ: [`crate::ekf`] adds it. The module depends neither on time, nor on
 //! priors, nor on how contacts are found. Gravity is not modelled here: all torques are external ones.
@@ -86,9 +86,9 @@ const BLOCK: usize = size_of::<Block>() / size_of::<f64>();
 /// a cache line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(32))]
-pub struct Cell([f64; 4]);
+pub struct CellState([f64; 4]);
 
-impl Cell {
+impl CellState {
     /// A cell at a rest point, m.
     pub fn new([x, y, z]: [f64; 3], unknown: f64) -> Self {
         Self([x, y, z, unknown])
@@ -364,7 +364,7 @@ impl Observation {
     /// Torque that the field exerts: `τ̂ = Σ wᵢ Kᵢ` (Eq. 5), n_joints, N·m.
     ///
     /// `cells` are the touched cells by row.
-    pub fn predict(&self, cells: &[Cell], stiffness: Stiffness) -> DVector<f64> {
+    pub fn predict(&self, cells: &[CellState], stiffness: Stiffness) -> DVector<f64> {
         self.predict_prefetching(&mut Prefetch::nothing(), cells, stiffness)
     }
 
@@ -372,7 +372,7 @@ impl Observation {
     pub(crate) fn predict_prefetching(
         &self,
         prefetch: &mut Prefetch<'_>,
-        cells: &[Cell],
+        cells: &[CellState],
         stiffness: Stiffness,
     ) -> DVector<f64> {
         let level = SimdLevel::best();
@@ -388,12 +388,12 @@ impl Observation {
     }
 
     /// `√ diag(H P Hᵀ)` for a diagonal P, n_joints, N·m; `variance` gives P of a row, (N/m)².
-    pub fn torque_std(&self, cells: &[Cell], variance: impl Fn(usize) -> f64) -> DVector<f64> {
+    pub fn torque_std(&self, cells: &[CellState], variance: impl Fn(usize) -> f64) -> DVector<f64> {
         self.gram(cells, variance).diagonal().map(|own| own.max(0.0).sqrt())
     }
 
     /// `H P Hᵀ` for a diagonal P, n × n, (N·m)²; `variance` gives P of a row, (N/m)².
-    pub fn gram(&self, cells: &[Cell], variance: impl Fn(usize) -> f64) -> DMatrix<f64> {
+    pub fn gram(&self, cells: &[CellState], variance: impl Fn(usize) -> f64) -> DMatrix<f64> {
         let level = SimdLevel::best();
         let mut gram = DMatrix::zeros(self.n_joints, self.n_joints);
         for run in self.runs() {
@@ -415,16 +415,16 @@ impl Observation {
     /// `(Hᵀ d)ᵢ = wᵢ·d` of every contact: `take` gets the cell, its row and the value.
     ///
     /// A cell has one contact in a frame, so every row comes at most once.
-    pub fn spread(
+    pub fn transpose_times(
         &self,
-        cells: &mut [Cell],
+        cells: &mut [CellState],
         d: &[f64],
-        mut take: impl FnMut(&mut Cell, usize, f64),
+        mut take: impl FnMut(&mut CellState, usize, f64),
     ) {
         let level = SimdLevel::best();
         for run in self.runs() {
             let (cells, twist) = (&mut *cells, simd::Twist(run.twist(d)));
-            let sum = simd::Spread { cells, twist, take: &mut take };
+            let sum = simd::TransposeTimes { cells, twist, take: &mut take };
             level.run(run.blocks, run.n_contacts, &mut Prefetch::nothing(), sum);
         }
     }
@@ -432,7 +432,7 @@ impl Observation {
     /// `unknown += Hᵀ d`, cell by cell; prefetches the next frame meanwhile.
     ///
     /// As a cell has one contact in a frame, four can be added at once.
-    pub(crate) fn add(&self, prefetch: &mut Prefetch<'_>, cells: &mut [Cell], d: &[f64]) {
+    pub(crate) fn add(&self, prefetch: &mut Prefetch<'_>, cells: &mut [CellState], d: &[f64]) {
         let level = SimdLevel::best();
         for run in self.runs() {
             let (cells, twist) = (&mut *cells, simd::Twist(run.twist(d)));
@@ -441,7 +441,12 @@ impl Observation {
     }
 
     /// `wᵢᵀ M wᵢ` of every contact for a symmetric M (n × n): `take` gets its row and the value.
-    pub fn quadratic(&self, cells: &[Cell], m: &DMatrix<f64>, mut take: impl FnMut(usize, f64)) {
+    pub fn quadratic(
+        &self,
+        cells: &[CellState],
+        m: &DMatrix<f64>,
+        mut take: impl FnMut(usize, f64),
+    ) {
         let level = SimdLevel::best();
         for run in self.runs() {
             // S M Sᵀ, as a sum over joints.
@@ -464,7 +469,7 @@ impl Observation {
     }
 
     /// The levers as a matrix, n_joints × n_contacts, m²: for tests and small problems.
-    pub fn levers(&self, cells: &[Cell]) -> DMatrix<f64> {
+    pub fn levers(&self, cells: &[CellState]) -> DMatrix<f64> {
         let mut levers = DMatrix::zeros(self.n_joints, self.n_contacts);
         let mut column = 0;
         for run in self.runs() {

@@ -9,7 +9,7 @@
 
 use pulp::{Scalar256b, Simd, f32x4, f64x4};
 
-use super::{Block, Cell, LANES, Prefetch, Stiffness, rows_of};
+use super::{Block, CellState, LANES, Prefetch, Stiffness, rows_of};
 
 /// An instruction set that works on four lanes at once.
 pub(super) trait Quads: Simd<f64s = f64x4> {
@@ -138,7 +138,7 @@ struct Quad {
 
 impl Quad {
     #[inline(always)]
-    fn new<S: Quads>(simd: S, block: &Block, cells: &[Cell]) -> Self {
+    fn new<S: Quads>(simd: S, block: &Block, cells: &[CellState]) -> Self {
         let [ux, uy, uz, rows] = *block;
         let u = [ux, uy, uz].map(|axis| simd.widen(pulp::cast(axis)));
         let [a, b, c, d] = rows;
@@ -183,7 +183,7 @@ fn total(f64x4(a, b, c, d): f64x4) -> f64 {
 
 /// `Σ Kᵢ (−uᵢ, −pᵢ × uᵢ)`: the wrench of all springs.
 pub(super) struct Wrench<'a> {
-    pub(super) cells: &'a [Cell],
+    pub(super) cells: &'a [CellState],
     pub(super) stiffness: Stiffness,
     pub(super) sums: [f64x4; 6],
 }
@@ -232,14 +232,14 @@ impl Twist {
 }
 
 /// `wᵢ·d = −uᵢ·v(pᵢ)` of every contact, where the joint speeds d move the link by `twist`.
-pub(super) struct Spread<'a, T> {
-    pub(super) cells: &'a mut [Cell],
+pub(super) struct TransposeTimes<'a, T> {
+    pub(super) cells: &'a mut [CellState],
     pub(super) twist: Twist,
     /// Called with the cell of a row, the row and the value.
     pub(super) take: T,
 }
 
-impl<T: FnMut(&mut Cell, usize, f64)> Sum for Spread<'_, T> {
+impl<T: FnMut(&mut CellState, usize, f64)> Sum for TransposeTimes<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -253,9 +253,9 @@ impl<T: FnMut(&mut Cell, usize, f64)> Sum for Spread<'_, T> {
     fn finish(self) {}
 }
 
-/// Adds `wᵢ·d` to the unknown of every cell: a fast special case of [`Spread`].
+/// Adds `wᵢ·d` to the unknown of every cell: a fast special case of [`TransposeTimes`].
 pub(super) struct Add<'a> {
-    pub(super) cells: &'a mut [Cell],
+    pub(super) cells: &'a mut [CellState],
     pub(super) twist: Twist,
 }
 
@@ -285,7 +285,7 @@ pub(super) const fn entry(i: usize, j: usize) -> usize {
 
 /// `Σ sᵢ wᵢ wᵢᵀ` over wrenches: a lower triangle, row by row; `weight` gives s of a row.
 pub(super) struct Gram<'a, F> {
-    pub(super) cells: &'a [Cell],
+    pub(super) cells: &'a [CellState],
     pub(super) weight: F,
     pub(super) sums: [f64x4; TRIANGLE],
 }
@@ -315,7 +315,7 @@ impl<F: Fn(usize) -> f64> Sum for Gram<'_, F> {
 /// `wᵢᵀ M wᵢ` over wrenches of every contact, for a symmetric M given by its lower triangle, row by row, with doubled
 /// off-diagonal entries.
 pub(super) struct Quadratic<'a, T> {
-    pub(super) cells: &'a [Cell],
+    pub(super) cells: &'a [CellState],
     pub(super) form: [f64; TRIANGLE],
     /// Called with a row and the value.
     pub(super) take: T,
@@ -360,11 +360,11 @@ mod tests {
     const CONTACTS: usize = 43;
 
     /// Contacts on cells of both signs.
-    fn frame() -> (Vec<Block>, Vec<Cell>) {
+    fn frame() -> (Vec<Block>, Vec<CellState>) {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let mut uniform = || 2.0 * f64::from(rng.next_u32()) / f64::from(u32::MAX) - 1.0;
-        let cells: Vec<Cell> =
-            (0..50).map(|_| Cell::new([uniform(), uniform(), uniform()], uniform())).collect();
+        let cells: Vec<CellState> =
+            (0..50).map(|_| CellState::new([uniform(), uniform(), uniform()], uniform())).collect();
         let contacts: Vec<_> =
             (0..CONTACTS).map(|row| ([(); 3].map(|()| uniform() as f32), row as u32 + 3)).collect();
         (contacts.chunks(LANES).map(|four| block(four.iter().copied())).collect(), cells)
@@ -406,10 +406,10 @@ mod tests {
         let take = |row: usize, value: f64| out.extend([row as f64, value]);
         level.run(&blocks, Quadratic { cells: &cells, form, take });
         let twist = [0.3, -0.2, 0.5, 0.7, -0.9, 0.1];
-        let take = |cell: &mut Cell, _: usize, value: f64| *cell.unknown_mut() += value;
-        level.run(&blocks, Spread { cells: &mut cells, twist: Twist(twist), take });
+        let take = |cell: &mut CellState, _: usize, value: f64| *cell.unknown_mut() += value;
+        level.run(&blocks, TransposeTimes { cells: &mut cells, twist: Twist(twist), take });
         level.run(&blocks, Add { cells: &mut cells, twist: Twist(twist) });
-        out.extend(cells.iter().map(Cell::unknown));
+        out.extend(cells.iter().map(CellState::unknown));
         out.iter().map(|number| number.to_bits()).collect()
     }
 

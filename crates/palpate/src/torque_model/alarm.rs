@@ -13,7 +13,7 @@ use super::ExternalTorque;
 /// Share of the seconds that exceed the level.
 const TAIL: f64 = 0.1;
 /// Least number of seconds of contact-free motion to estimate a tail.
-const LEAST_SECONDS: usize = 5;
+const MIN_SECONDS: usize = 5;
 
 /// Mean excess of the prior, relative to the level. It was chosen on a hundred simulated arms whose motions differed
 /// from those of their identification, so that the threshold for one false alarm per hour is exceeded less often than
@@ -25,7 +25,7 @@ const PRIOR_SECONDS: f64 = 10.0;
 /// The tail of the statistic on contact-free motion, second by second.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Alarm {
+pub struct FalseAlarmModel {
     /// Level that a tenth of the seconds exceed, in standard deviations.
     pub level: f64,
     /// Mean excess over the level, in standard deviations: the larger of the estimates without and with the prior, each
@@ -35,7 +35,7 @@ pub struct Alarm {
     pub seconds: f64,
 }
 
-impl Alarm {
+impl FalseAlarmModel {
     /// From touches without contact, each a list of time, s, and statistic; `None` if they last less than five seconds.
     pub fn of(touches: &[Vec<(f64, f64)>]) -> Option<Self> {
         let mut largest: Vec<f64> = Vec::new();
@@ -52,7 +52,7 @@ impl Alarm {
             seconds.pop();
             largest.extend(seconds.iter().map(|(_, statistic)| statistic));
         }
-        if largest.len() < LEAST_SECONDS {
+        if largest.len() < MIN_SECONDS {
             return None;
         }
         largest.sort_by(f64::total_cmp);
@@ -102,7 +102,7 @@ mod tests {
         let n = 100_000;
         let quantile = |k: usize| -2.0 * (1.0 - (k as f64 + 0.5) / n as f64).ln();
         let touch: Vec<(f64, f64)> = (0..=n).map(|k| (k as f64, quantile(k * 7_919 % n))).collect();
-        let alarm = Alarm::of(&[touch]).unwrap();
+        let alarm = FalseAlarmModel::of(&[touch]).unwrap();
         for per_hour in [1.0, 10.0, 100.0] {
             let threshold = alarm.threshold(per_hour);
             let passed = (0..n).filter(|k| quantile(*k) > threshold).count() as f64;
@@ -116,20 +116,20 @@ mod tests {
         // The largest of each second is hardly above the level.
         let flat = |seconds: u32| {
             let rows = (0..=seconds).map(|k| (f64::from(k), 3.5 + 0.001 * f64::from(k % 10)));
-            Alarm::of(&[rows.collect()]).unwrap()
+            FalseAlarmModel::of(&[rows.collect()]).unwrap()
         };
         assert!((5.5..7.0).contains(&flat(57).threshold(1.0)), "{:?}", flat(57));
         assert!((3.5..4.0).contains(&flat(36_000).threshold(1.0)), "{:?}", flat(36_000));
         // What is larger than the prior stays.
         let steep = (0..=60).map(|k| (f64::from(k), 3.0 + f64::from(k % 10)));
-        let steep = Alarm::of(&[steep.collect()]).unwrap();
+        let steep = FalseAlarmModel::of(&[steep.collect()]).unwrap();
         assert!((steep.excess - 1.0 * (1.0 + 2.0 / 6_f64.sqrt())).abs() < 1e-12, "{steep:?}");
     }
 
     #[test]
     fn short_motions_give_no_tail() {
-        assert_eq!(Alarm::of(&[vec![(0.0, 1.0), (3.0, 2.0)]]), None);
+        assert_eq!(FalseAlarmModel::of(&[vec![(0.0, 1.0), (3.0, 2.0)]]), None);
         // A gap is no time in which nothing was touched.
-        assert_eq!(Alarm::of(&[vec![(0.0, 1.0), (1e9, 2.0), (1e9 + 0.5, 2.0)]]), None);
+        assert_eq!(FalseAlarmModel::of(&[vec![(0.0, 1.0), (1e9, 2.0), (1e9 + 0.5, 2.0)]]), None);
     }
 }

@@ -9,8 +9,8 @@ use std::sync::Arc;
 use nalgebra::DVector;
 
 use super::{
-    Differentiation, Fit, FrictionState, LocalPolynomial, TorqueModel, TorqueNoise, Window,
-    with_read_times,
+    Differentiation, FrictionState, LocalPolynomial, PolynomialFit, TorqueModel, TorqueNoise,
+    Window, with_read_times,
 };
 use crate::arm::Arm;
 use crate::external_torque::{ExternalTorqueConfig, Gravity, TorqueSign};
@@ -28,7 +28,7 @@ pub struct ExternalTorque {
 
 /// Motion of the joints at a time, with the states of their friction.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Motion {
+pub struct JointMotion {
     /// Positions, n_joints, rad or m.
     pub q: Vec<f64>,
     /// Speeds, n_joints, rad/s or m/s.
@@ -39,7 +39,7 @@ pub struct Motion {
     pub friction: Vec<f64>,
     /// Uncertainty of these states, 0 to 1.
     pub unknown: Vec<f64>,
-    /// Possible errors of speeds and accelerations where samples are on one side only: [`Fit::doubt`].
+    /// Possible errors of speeds and accelerations where samples are on one side only: [`PolynomialFit::doubt`].
     pub doubt: Option<[Vec<f64>; 2]>,
 }
 
@@ -57,11 +57,12 @@ pub struct TouchMotion {
 
 impl TouchMotion {
     /// An empty motion, of joints with these presliding distances (n_joints, rad).
-    pub fn new(presliding: Vec<f64>) -> Self {
+    pub(crate) fn new(presliding: Vec<f64>) -> Self {
         Self { presliding, ..Self::default() }
     }
 
-    /// The motion of a touch; arguments as for [`Self::new`]. If all times are equal, they are not used.
+    /// The motion of a touch; `presliding` are the presliding distances of the joints (n_joints, rad). If all times are
+    /// equal, they are not used.
     pub fn of(robot: &Robot, samples: &[Sample], presliding: Vec<f64>) -> Self {
         let mut motion = Self::new(presliding);
         samples.iter().for_each(|sample| motion.push(robot, sample));
@@ -201,7 +202,7 @@ impl TouchMotion {
     /// # Panics
     ///
     /// If there are no samples.
-    pub fn at(&self, time_s: f64, half_s: f64, window: Window) -> Motion {
+    pub fn at(&self, time_s: f64, half_s: f64, window: Window) -> JointMotion {
         let (before, after, part) = self.between(time_s);
         let mix = |a: f64, b: f64| a + part * (b - a);
         let states: Vec<FrictionState> = (self.presliding.iter().enumerate())
@@ -219,17 +220,17 @@ impl TouchMotion {
             let is_new = !self.untimed && self.times_s.len() < 4;
             let doubt = is_new.then(|| [(); 2].map(|()| vec![f64::INFINITY; q.len()]));
             let (speed, acceleration) = (rest.clone(), rest);
-            return Motion { q, speed, acceleration, friction, unknown, doubt };
+            return JointMotion { q, speed, acceleration, friction, unknown, doubt };
         }
         let fit = LocalPolynomial::new(&self.times_s, &self.positions, half_s, window).at(time_s);
-        let Fit { value: q, first: speed, second: acceleration, doubt } = fit;
-        Motion { q, speed, acceleration, friction, unknown, doubt }
+        let PolynomialFit { value: q, first: speed, second: acceleration, doubt } = fit;
+        JointMotion { q, speed, acceleration, friction, unknown, doubt }
     }
 }
 
 /// External torque of a sample by a model.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Explained {
+pub struct ModelResidual {
     /// τ_ext: the measured torque minus that of the arm itself, n_joints, N·m.
     pub external: DVector<f64>,
     /// What its noise depends on, for each joint.
@@ -263,7 +264,7 @@ impl NoiseFactors {
 /// Top speed of a joint without one in the URDF, rad/s or m/s.
 const FASTEST: f64 = 3.0;
 
-impl Motion {
+impl JointMotion {
     /// If speeds and accelerations are in doubt, those that may be true instead. The doubt is limited to what a joint
     /// can do: its top speed, reached within a window.
     fn doubted(&self, robot: &Robot, half_s: f64) -> Option<[Vec<f64>; 2]> {
@@ -305,7 +306,7 @@ pub fn external_torques(
         Differentiation::Causal => None,
     };
     let samples = timed.as_deref().unwrap_or(samples);
-    let explained = explain(robot, &model, config, (samples, &|_| true), differentiation)?;
+    let explained = model_residuals(robot, &model, config, (samples, &|_| true), differentiation)?;
     Ok(explained.iter().map(|(_, explained)| explained.with_std(&model)).collect())
 }
 
@@ -315,13 +316,13 @@ pub fn external_torques(
 /// # Errors
 ///
 /// As [`external_torques`].
-pub fn explain(
+pub fn model_residuals(
     robot: &Robot,
     model: &TorqueModel,
     config: &ExternalTorqueConfig,
     (samples, which): (&[Sample], &dyn Fn(usize) -> bool),
     differentiation: Differentiation,
-) -> Result<Vec<(usize, Explained)>, TrackerError> {
+) -> Result<Vec<(usize, ModelResidual)>, TrackerError> {
     let presliding: Vec<f64> = model.joints.iter().map(|joint| joint.friction.presliding).collect();
     let parameters = model.check(robot).map_err(TrackerError::TorqueModel)?;
     let motion = TouchMotion::of(robot, samples, presliding);
@@ -346,9 +347,9 @@ impl TorqueModel {
         robot: &Robot,
         parameters: &DVector<f64>,
         config: &ExternalTorqueConfig,
-        motion: &Motion,
+        motion: &JointMotion,
         tau: &[f64],
-    ) -> Result<Explained, TrackerError> {
+    ) -> Result<ModelResidual, TrackerError> {
         let n = robot.n_joints();
         let poses = robot.forward(&motion.q)?;
         let rest = vec![0.0; n];
@@ -393,13 +394,13 @@ impl TorqueModel {
             let turning = unknown.max(1.0 - z.abs());
             factors.push(NoiseFactors { q, turning, unknown, speed, inertia, at_end });
         }
-        Ok(Explained { external, factors })
+        Ok(ModelResidual { external, factors })
     }
 }
 
-impl Explained {
+impl ModelResidual {
     /// Adds the standard deviation by the model.
-    pub fn with_std(&self, model: &TorqueModel) -> ExternalTorque {
+    pub(crate) fn with_std(&self, model: &TorqueModel) -> ExternalTorque {
         let std = self.factors.iter().zip(&model.joints).map(|(factors, joint)| {
             // An unknown state is uniform between its bounds.
             let friction = joint.friction.coulomb * factors.unknown / 3_f64.sqrt();

@@ -18,7 +18,7 @@ pub enum Window {
 
 /// Values at a time, with their first and second derivatives.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Fit {
+pub struct PolynomialFit {
     /// Values.
     pub value: Vec<f64>,
     /// First derivatives, per second.
@@ -52,7 +52,7 @@ impl<'a> LocalPolynomial<'a> {
 
     /// The polynomial's value and derivatives at a time, s. Its degree is three, two at the ends of a log, zero at the
     /// very start of a causal one, and lower if there are too few samples.
-    pub fn at(&self, time_s: f64) -> Fit {
+    pub fn at(&self, time_s: f64) -> PolynomialFit {
         let (first, last) = (self.times_s[0], self.times_s[self.times_s.len() - 1]);
         let room = |low: f64, high: f64| low >= first && high <= last;
         let wide = 2.0 * self.half_s;
@@ -84,7 +84,7 @@ impl<'a> LocalPolynomial<'a> {
         time_s: f64,
         (mut start, mut end): (usize, usize),
         (degree, higher): (usize, Option<usize>),
-    ) -> Fit {
+    ) -> PolynomialFit {
         let wanted = degree + 2;
         while end - start < wanted
             && (start > 0 || (end < self.times_s.len() && self.window == Window::Centred))
@@ -124,7 +124,12 @@ impl<'a> LocalPolynomial<'a> {
             }
             _ => [vec![f64::INFINITY; n], vec![f64::INFINITY; n]],
         });
-        Fit { value: row(&solution, 0), first: row(&solution, 1), second: row(&solution, 2), doubt }
+        PolynomialFit {
+            value: row(&solution, 0),
+            first: row(&solution, 1),
+            second: row(&solution, 2),
+            doubt,
+        }
     }
 }
 

@@ -24,13 +24,13 @@ mod local_polynomial;
 mod ripple;
 mod stamps;
 
-pub use alarm::Alarm;
+pub use alarm::FalseAlarmModel;
 pub use external::{
-    Explained, ExternalTorque, Motion, NoiseFactors, TorqueStream, TouchMotion, explain,
-    external_torques,
+    ExternalTorque, JointMotion, ModelResidual, NoiseFactors, TorqueStream, TouchMotion,
+    external_torques, model_residuals,
 };
 pub use friction::{FrictionState, JointFriction};
-pub use local_polynomial::{Fit, LocalPolynomial, Window};
+pub use local_polynomial::{LocalPolynomial, PolynomialFit, Window};
 pub use ripple::{RIPPLE_COEFFICIENTS, Ripple};
 pub use stamps::with_read_times;
 
@@ -55,7 +55,7 @@ pub struct TorqueModel {
     pub inertial: Vec<f64>,
     /// Statistics of contact-free motion, for contact detection.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub alarm: Option<Alarm>,
+    pub alarm: Option<FalseAlarmModel>,
     /// What differs for a running robot, where later samples are not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub causal: Option<Causal>,
@@ -81,7 +81,7 @@ pub struct Causal {
     pub noise: Vec<TorqueNoise>,
     /// Statistics of contact-free motion with this noise, for contact detection.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub alarm: Option<Alarm>,
+    pub alarm: Option<FalseAlarmModel>,
 }
 
 impl Causal {

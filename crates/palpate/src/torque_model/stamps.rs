@@ -35,7 +35,7 @@ const SLOW: f64 = 0.03;
 /// Stamps are tested in *fast* samples: those faster than this share of the top speed in the log.
 const FAST: f64 = 0.3;
 /// Least number of fast samples for a correction.
-const LEAST_SAMPLES: usize = 50;
+const MIN_SAMPLES: usize = 50;
 /// Time error above which a stamp counts as wrong, in intervals.
 const OFF: f64 = 0.15;
 /// Least share of fast samples with wrong stamps for a correction.
@@ -165,7 +165,7 @@ fn are_wrong(stamps_s: &[f64], positions: &[Vec<f64>]) -> bool {
             after += (left - speed * delay(others.map(|(_, own)| own))).powi(2);
         }
     }
-    residuals.len() >= LEAST_SAMPLES
+    residuals.len() >= MIN_SAMPLES
         && off >= (OFF_PART * residuals.len() as f64).max(OFF_SAMPLES)
         && after < UNEXPLAINED * before
 }

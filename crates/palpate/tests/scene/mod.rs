@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it
 
 use nalgebra::DVector;
-use palpate::unstable::{Cell, CellRows, LinkContacts, LinkId, Observation, Stiffness};
+use palpate::unstable::{CellRows, CellState, LinkContacts, LinkId, Observation, Stiffness};
 use palpate::{Contacts, EstimatorConfig, EstimatorKind, Lattice, MemoryLimits, Prior, Robot};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::Rng;
@@ -84,9 +84,9 @@ pub fn config(method: EstimatorKind, mean: f64, std: f64, torque_std: f64) -> Es
 }
 
 /// Cells by row with the given unknowns.
-pub fn cells_with(rows: &CellRows, unknown: impl Fn(usize) -> f64) -> Vec<Cell> {
+pub fn cells_with(rows: &CellRows, unknown: impl Fn(usize) -> f64) -> Vec<CellState> {
     let points = rows.points_m().iter().enumerate();
-    points.map(|(row, &point)| Cell::new(point, unknown(row))).collect()
+    points.map(|(row, &point)| CellState::new(point, unknown(row))).collect()
 }
 
 /// Contacts of one link: places in cells with displacements, m.

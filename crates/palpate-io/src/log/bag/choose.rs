@@ -9,12 +9,12 @@ use crate::log::options::LogOptions;
 
 /// The topics that are read.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Chosen {
+pub(super) struct ChosenTopics {
     pub(super) samples: Topic,
     pub(super) markers: Option<Topic>,
 }
 
-impl Chosen {
+impl ChosenTopics {
     /// The names of the topics of samples and of markers.
     pub(super) fn names(&self) -> [Option<String>; 2] {
         let markers = self.markers.as_ref().map(|topic| topic.name.clone());
@@ -27,7 +27,7 @@ pub(super) fn choose(
     path: &Path,
     topics: &[Topic],
     options: &LogOptions,
-) -> Result<Chosen, BagError> {
+) -> Result<ChosenTopics, BagError> {
     let samples = match &options.topic {
         Some(name) => {
             let topic = named(path, topics, name)?;
@@ -43,7 +43,7 @@ pub(super) fn choose(
         Some(name) => Some(named(path, topics, name)?),
         None => topics.iter().find(|topic| topic.name == TOUCH_TOPIC),
     };
-    Ok(Chosen { samples: samples.clone(), markers: markers.cloned() })
+    Ok(ChosenTopics { samples: samples.clone(), markers: markers.cloned() })
 }
 
 /// The topic with this name, with or without a leading slash.

@@ -10,7 +10,7 @@ use super::sqlite;
 use super::topic::{Message, Messages, Topic};
 use crate::input;
 use crate::log::error::{BagError, LogError};
-use crate::log::event::Format;
+use crate::log::event::LogFormat;
 use crate::log::folder;
 
 /// Largest size of `metadata.yaml`, bytes.
@@ -73,13 +73,13 @@ pub(super) fn files(path: &Path) -> Result<Vec<PathBuf>, LogError> {
 }
 
 /// The storage format of a file, or an error that says why it cannot be read.
-pub(super) fn format(path: &Path) -> Result<Format, LogError> {
+pub(super) fn format(path: &Path) -> Result<LogFormat, LogError> {
     let beginning = folder::beginning(path).map_err(|source| LogError::reading(path, source))?;
     let reason = match beginning {
-        bytes if bytes.starts_with(MCAP) => return Ok(Format::Mcap),
+        bytes if bytes.starts_with(MCAP) => return Ok(LogFormat::Mcap),
         bytes if bytes.starts_with(SQLITE) => {
             if cfg!(feature = "formats") {
-                return Ok(Format::Rosbag2Sqlite);
+                return Ok(LogFormat::Rosbag2Sqlite);
             }
             &format!("is a bag in SQLite: {}", crate::not_built("SQLite"))
         }
@@ -94,10 +94,10 @@ pub(super) fn format(path: &Path) -> Result<Format, LogError> {
 }
 
 /// The topics of a file in this storage format.
-pub(super) fn topics(path: &Path, format: Format) -> Result<Vec<Topic>, BagError> {
+pub(super) fn topics(path: &Path, format: LogFormat) -> Result<Vec<Topic>, BagError> {
     let topics = match format {
         #[cfg(feature = "formats")]
-        Format::Rosbag2Sqlite => sqlite::topics(path).map_err(|error| error.to_string()),
+        LogFormat::Rosbag2Sqlite => sqlite::topics(path).map_err(|error| error.to_string()),
         _ => mcap::topics(path),
     };
     topics.map_err(|reason| {
@@ -111,7 +111,9 @@ pub(super) fn topics(path: &Path, format: Format) -> Result<Vec<Topic>, BagError
 pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messages, LogError> {
     let messages = match format(path)? {
         #[cfg(feature = "formats")]
-        Format::Rosbag2Sqlite => sqlite::messages(path, &wanted).map_err(|error| error.to_string()),
+        LogFormat::Rosbag2Sqlite => {
+            sqlite::messages(path, &wanted).map_err(|error| error.to_string())
+        }
         _ => mcap::messages(path, wanted),
     };
     let messages =

@@ -15,9 +15,9 @@ use re_ros_msg::message_spec::{ArraySize, BuiltInType, ComplexType, MessageSpeci
 /// Deepest nesting of messages in messages; a deeper definition is refused.
 const DEEPEST: usize = 16;
 /// Largest number of fields, inner messages included; a definition with more is refused.
-const MOST_FIELDS: usize = 4096;
+const MAX_FIELDS: usize = 4096;
 /// Largest number of values in a wanted field; a message with more is refused.
-const MOST_VALUES: usize = 4096;
+const MAX_VALUES: usize = 4096;
 
 /// Use of a wanted field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -113,7 +113,7 @@ impl<'a> Compiler<'a> {
         depth: usize,
     ) -> Result<Node, String> {
         self.fields += spec.fields.len();
-        if depth > DEEPEST || self.fields > MOST_FIELDS {
+        if depth > DEEPEST || self.fields > MAX_FIELDS {
             return Err("its definition nests without end".to_owned());
         }
         if spec.fields.is_empty() {
@@ -239,13 +239,13 @@ impl Taken {
         match (slot, value) {
             (Slot::Seconds, Value::Whole(seconds)) => self.seconds = seconds,
             (Slot::Nanoseconds, Value::Whole(nanoseconds)) => self.nanoseconds = nanoseconds,
-            (Slot::Names, Value::Text(name)) if self.names.len() < MOST_VALUES => {
+            (Slot::Names, Value::Text(name)) if self.names.len() < MAX_VALUES => {
                 self.names.push(name)
             }
-            (Slot::Positions, Value::Float(position)) if self.positions.len() < MOST_VALUES => {
+            (Slot::Positions, Value::Float(position)) if self.positions.len() < MAX_VALUES => {
                 self.positions.push(position)
             }
-            (Slot::Torques, Value::Float(torque)) if self.torques.len() < MOST_VALUES => {
+            (Slot::Torques, Value::Float(torque)) if self.torques.len() < MAX_VALUES => {
                 self.torques.push(torque)
             }
             (Slot::Text, Value::Text(text)) => self.text = Some(text),

@@ -11,7 +11,7 @@ use ::mcap::records::{MessageHeader, Record, Statistics, op};
 use ::mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use ::mcap::{Channel, McapError, parse_record};
 
-use super::topic::{Message, Messages, Topic, Which, merge};
+use super::topic::{Message, Messages, Topic, TopicRole, merge};
 use crate::{input, not_built, panics};
 
 /// Largest size of a record, bytes; usually 256 MiB, an image of a hundred megapixels.
@@ -48,8 +48,8 @@ pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messa
         };
         let topic = Some(&message.channel.topic);
         let which = match &wanted {
-            [samples, _] if samples.as_ref() == topic => Which::Sample,
-            [_, markers] if markers.as_ref() == topic => Which::Marker,
+            [samples, _] if samples.as_ref() == topic => TopicRole::Sample,
+            [_, markers] if markers.as_ref() == topic => TopicRole::Marker,
             _ => return None,
         };
         let time_ns = i64::try_from(message.header.log_time).unwrap_or(i64::MAX);

@@ -32,12 +32,12 @@ use std::path::{Path, PathBuf};
 
 use super::error::{BagError, LogError};
 use super::event::{LogDescription, LogEvent, LogWarning};
-use super::names::Names;
+use super::names::UniqueNames;
 use super::options::LogOptions;
 use super::reader::Source;
-use choose::Chosen;
-use reading::{Joints, Marker, Reading};
-use topic::{Message, Messages, Topic, Which};
+use choose::ChosenTopics;
+use reading::{Joints, Marker, MessageReader};
+use topic::{Message, Messages, Topic, TopicRole};
 
 pub(super) use file::is_bag;
 
@@ -48,8 +48,8 @@ const LOOKED_AT: usize = 100;
 pub(super) struct BagLog {
     description: LogDescription,
     until_break: bool,
-    chosen: Chosen,
-    reading: Reading,
+    chosen: ChosenTopics,
+    reading: MessageReader,
     marker: Option<Marker>,
     joints: Joints,
     /// Files that are not read yet, in reverse order.
@@ -59,7 +59,7 @@ pub(super) struct BagLog {
     next_touch: Option<String>,
     /// Whether a touch has started.
     is_touching: bool,
-    names: Names,
+    names: UniqueNames,
     markers: u64,
     /// Number of messages of the samples' topic so far, and of those without a sample, by reason.
     messages: u64,
@@ -81,7 +81,7 @@ impl BagLog {
         }
         let Some(format) = format else { return Err(LogError::Empty { path: path.to_owned() }) };
         let chosen = choose::choose(path, &topics, options)?;
-        let reading = Reading::of(&chosen.samples).map_err(|reason| {
+        let reading = MessageReader::of(&chosen.samples).map_err(|reason| {
             let Topic { name, kind, .. } = chosen.samples.clone();
             BagError::Layout { path: path.to_owned(), topic: name, kind, reason }
         })?;
@@ -109,7 +109,7 @@ impl BagLog {
             current: None,
             next_touch,
             is_touching: false,
-            names: Names::default(),
+            names: UniqueNames::default(),
             markers: 0,
             messages: 0,
             other_joints: 0,
@@ -120,7 +120,7 @@ impl BagLog {
 
     /// Processes a message: a marker, or a sample.
     fn take(&mut self, message: &Message, to: &mut VecDeque<LogEvent>) -> Result<(), LogError> {
-        if message.which == Which::Sample {
+        if message.which == TopicRole::Sample {
             return self.take_sample(message, to);
         }
         let marker = self.marker.as_ref().zip(self.chosen.markers.as_ref());
@@ -239,7 +239,7 @@ impl Source for BagLog {
 }
 
 /// At most [`LOOKED_AT`] messages from the start of the samples' topic, as far as they can be read.
-fn first_messages(files: &[PathBuf], chosen: &Chosen) -> Vec<Vec<u8>> {
+fn first_messages(files: &[PathBuf], chosen: &ChosenTopics) -> Vec<Vec<u8>> {
     let only_samples = [chosen.names()[0].clone(), None];
     let messages = files.iter().filter_map(|file| file::messages(file, only_samples.clone()).ok());
     let messages = messages.flat_map(|messages| messages.map_while(Result::ok));

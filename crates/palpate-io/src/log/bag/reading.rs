@@ -53,7 +53,7 @@ pub(super) fn has_joints(kind: &str) -> bool {
 
 /// Conversion of the messages of a topic to samples.
 #[derive(Debug, Clone)]
-pub(super) struct Reading {
+pub(super) struct MessageReader {
     layout: Layout,
     pub(super) torques: LoggedTorques,
     /// Whether messages contain joint names.
@@ -70,7 +70,7 @@ pub(super) struct Joints {
     pub(super) by_log_time: bool,
 }
 
-impl Reading {
+impl MessageReader {
     /// The conversion for a topic whose type [`has_joints`]. The error is the end of a message.
     pub(super) fn of(topic: &Topic) -> Result<Self, String> {
         let kind = plain(&topic.kind);
@@ -80,7 +80,7 @@ impl Reading {
                 [("name", Slot::Names), ("position", Slot::Positions), ("effort", Slot::Torques)];
             let definition = topic.definition.clone().unwrap_or_else(joint_state);
             let layout = Layout::of(&kind, &definition, &with_stamp(&fields))?;
-            return Ok(Self { layout, torques: LoggedTorques::Unsaid, named: true });
+            return Ok(Self { layout, torques: LoggedTorques::Unknown, named: true });
         }
         let Some(definition) = &topic.definition else {
             return Err(

@@ -8,7 +8,7 @@ use rusqlite::config::DbConfig;
 use rusqlite::limits::Limit;
 use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension, Result, params_from_iter};
 
-use super::topic::{Message, Messages, Topic, Which};
+use super::topic::{Message, Messages, Topic, TopicRole};
 use crate::input;
 
 /// Messages read with one query: a compromise between memory and the time of the queries.
@@ -121,7 +121,7 @@ impl Pages {
         while let Some(row) = rows.next()? {
             let (id, topic, time_ns): (i64, i64, i64) = (row.get(0)?, row.get(1)?, row.get(2)?);
             let is_sample = self.wanted[0].contains(&topic);
-            let which = if is_sample { Which::Sample } else { Which::Marker };
+            let which = if is_sample { TopicRole::Sample } else { TopicRole::Marker };
             self.after = (time_ns, id);
             self.page.push_back(Message { which, time_ns, data: row.get(3)? });
         }

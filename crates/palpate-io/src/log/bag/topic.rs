@@ -17,7 +17,7 @@ pub(super) struct Topic {
 
 /// Kind of topic that a message belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Which {
+pub(super) enum TopicRole {
     Sample,
     Marker,
 }
@@ -25,7 +25,7 @@ pub(super) enum Which {
 /// A message of one of the topics that are read.
 #[derive(Debug, Clone)]
 pub(super) struct Message {
-    pub(super) which: Which,
+    pub(super) which: TopicRole,
     /// Time of recording, ns.
     pub(super) time_ns: i64,
     pub(super) data: Vec<u8>,

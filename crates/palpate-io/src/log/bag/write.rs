@@ -224,7 +224,7 @@ impl<W: Write + Seek> TouchWriter<W> {
 }
 
 /// Writes external torques with their standard deviations, one sample after another: [`crate::torques`].
-pub struct TorqueWriter<W: Write + Seek> {
+pub(crate) struct TorqueWriter<W: Write + Seek> {
     torques: TouchWriter<W>,
     stds: u16,
     touched: u16,
@@ -236,7 +236,7 @@ impl<W: Write + Seek> TorqueWriter<W> {
     /// # Errors
     ///
     /// If the first records cannot be written.
-    pub fn new(out: W, joints: Vec<String>) -> io::Result<Self> {
+    pub(crate) fn new(out: W, joints: Vec<String>) -> io::Result<Self> {
         let topic = "/palpate/external_torque";
         let mut torques = TouchWriter::on(topic, out, joints, Compression::default())?;
         let array = [ARRAY, ARRAY_LAYOUT].concat();
@@ -248,7 +248,7 @@ impl<W: Write + Seek> TorqueWriter<W> {
     }
 
     /// Starts a touch.
-    pub fn touch(&mut self, name: &str) {
+    pub(crate) fn touch(&mut self, name: &str) {
         self.torques.touch(name);
     }
 
@@ -258,7 +258,7 @@ impl<W: Write + Seek> TorqueWriter<W> {
     /// # Errors
     ///
     /// As [`TouchWriter::sample`].
-    pub fn torque(
+    pub(crate) fn torque(
         &mut self,
         (time_s, q, torque): (Option<f64>, &[f64], &[f64]),
         std: &[f64],
@@ -281,7 +281,7 @@ impl<W: Write + Seek> TorqueWriter<W> {
     /// # Errors
     ///
     /// If the end cannot be written.
-    pub fn finish(self) -> io::Result<()> {
+    pub(crate) fn finish(self) -> io::Result<()> {
         self.torques.finish()
     }
 }

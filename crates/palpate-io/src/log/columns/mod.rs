@@ -128,7 +128,7 @@ impl Columns {
             named_in_row: None,
             time: time.transpose()?,
             touch: map.touch.as_ref().map(place).transpose()?,
-            torques: LoggedTorques::Unsaid,
+            torques: LoggedTorques::Unknown,
         })
     }
 
@@ -141,7 +141,7 @@ impl Columns {
         let mut measured = all(if has_torques { &TORQUES } else { &POSITIONS })?;
         measured.retain(|family| !family.is_external());
         let found = [
-            (LoggedTorques::Unsaid, measured),
+            (LoggedTorques::Unknown, measured),
             (LoggedTorques::External, all(&EXTERNAL_TORQUES)?),
             (LoggedTorques::Currents, all(&CURRENTS)?),
         ];
@@ -260,7 +260,7 @@ mod tests {
             let Columns { q, tau, joint_names, named_in_row, time, touch, torques, .. } = columns;
             assert_eq!((q, tau), (vec![1, 2], vec![3, 4]), "{header}");
             assert_eq!((joint_names, named_in_row, touch), (None, None, None), "{header}");
-            assert_eq!(torques, LoggedTorques::Unsaid);
+            assert_eq!(torques, LoggedTorques::Unknown);
             assert!(time.unwrap().places().eq([0]), "{header}");
         }
     }
@@ -278,14 +278,14 @@ mod tests {
             assert_eq!(columns.torques, LoggedTorques::Currents, "{header}");
             assert_eq!((columns.q, columns.tau), (vec![2, 3], vec![4, 5]), "{header}");
         }
-        assert_eq!(find("q1,current1,tau1").unwrap().torques, LoggedTorques::Unsaid);
+        assert_eq!(find("q1,current1,tau1").unwrap().torques, LoggedTorques::Unknown);
         assert!(find("q1,current1,tau1,effort1").unwrap_err().contains("more than one"));
     }
 
     #[test]
     fn frankas_external_torques_are_taken_where_there_are_no_others() {
         for (torque, kind) in
-            [("tau_J", LoggedTorques::Unsaid), ("tau_ext_hat_filtered", LoggedTorques::External)]
+            [("tau_J", LoggedTorques::Unknown), ("tau_ext_hat_filtered", LoggedTorques::External)]
         {
             let header = format!("q_0,q_1,{torque}_0,{torque}_1,current_0,current_1");
             let columns = find(&header).unwrap();
@@ -293,7 +293,7 @@ mod tests {
         }
         assert!(find("q_0,external_torque_0").is_err(), "its sign is not known");
         let both = find("q0,tau_ext_hat_filtered0,tau0").unwrap();
-        assert_eq!((both.torques, both.tau), (LoggedTorques::Unsaid, vec![2]));
+        assert_eq!((both.torques, both.tau), (LoggedTorques::Unknown, vec![2]));
     }
 
     /// Headers from the documentation or from recordings of other programs.
@@ -334,7 +334,7 @@ mod tests {
         ] {
             let columns = find(header).unwrap_or_else(|error| panic!("{header}: {error}"));
             let found = (columns.q, columns.tau, columns.torques);
-            assert_eq!(found, (vec![2, 3], vec![4, 5], LoggedTorques::Unsaid), "{header}");
+            assert_eq!(found, (vec![2, 3], vec![4, 5], LoggedTorques::Unknown), "{header}");
             assert!(columns.joint_names.is_none() && columns.touch.is_none(), "{header}");
             assert!(columns.time.is_some(), "{header}");
         }

@@ -16,7 +16,7 @@ use palpate::Sample;
 
 use super::columns::{Columns, Time, date_s};
 use super::error::{LogError, TableError};
-use super::event::Format;
+use super::event::LogFormat;
 use super::files::{FileDescription, TouchFile};
 use super::folder;
 use super::options::LogOptions;
@@ -53,7 +53,7 @@ pub(super) struct CsvFile {
 }
 
 impl TouchFile for CsvFile {
-    const FORMAT: Format = Format::Csv;
+    const FORMAT: LogFormat = LogFormat::Csv;
 
     /// Reads the header and finds the columns.
     fn open(path: &Path, options: &LogOptions) -> Result<Self, LogError> {

@@ -29,7 +29,7 @@ use palpate::Sample;
 use super::MAX_JOINTS;
 use super::columns::{Columns, Time};
 use super::error::{LogError, TableError};
-use super::event::{Format, LoggedTorques};
+use super::event::{LogFormat, LoggedTorques};
 use super::files::{FileDescription, TouchFile};
 use super::options::LogOptions;
 use crate::{input, panics};
@@ -59,7 +59,7 @@ pub(super) struct ParquetFile {
 }
 
 impl TouchFile for ParquetFile {
-    const FORMAT: Format = Format::Parquet;
+    const FORMAT: LogFormat = LogFormat::Parquet;
 
     fn open(path: &Path, options: &LogOptions) -> Result<Self, LogError> {
         let mut file = input::open(path).map_err(|source| LogError::reading(path, source))?;
@@ -279,7 +279,7 @@ fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
             named_in_row: None,
             time: first(&["timestamp"]).map(|place| Time::at(place, None, header)),
             touch: first(&["episode_index"]),
-            torques: LoggedTorques::Unsaid,
+            torques: LoggedTorques::Unknown,
         }),
         (Some(q), None) => Err(format!(
             "positions are in `{}`, and no column holds torques, of which {} are known",

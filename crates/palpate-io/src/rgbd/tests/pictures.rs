@@ -112,7 +112,8 @@ fn what_is_cut_away_is_counted_once() {
     let config =
         BackProjectionConfig { depth_range_m: [0.5, 4.0], crop, ..BackProjectionConfig::default() };
     let found = back_project(&black(10, 1), &depth, &ahead(10, 1), &config).unwrap();
-    let wanted = Dropped { without_depth: 4, out_of_range: 3, flying: 1, ..Dropped::default() };
+    let wanted =
+        DroppedPixels { without_depth: 4, out_of_range: 3, flying: 1, ..DroppedPixels::default() };
     assert_eq!(found.dropped, wanted, "the one at 3 m hangs between 1 m and 9 m");
     assert_eq!(found.pixels, [[4, 0], [5, 0]]);
     let crop = Some([Point3::new(-0.05, -9.0, 0.0), Point3::new(0.1, 9.0, 99.0)]);

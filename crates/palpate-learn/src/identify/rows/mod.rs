@@ -11,35 +11,35 @@
 //! deviations.
 //!
 //! The posterior needs only the Gram matrix of the rows, by joint and by fold. The search for friction at reversals
-//! (`turning`) needs the rows themselves.
+//! (`reversal`) needs the rows themselves.
 
-mod turning;
+mod reversal;
 
 use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::{
-    BODY_PARAMETERS, FrictionState, LocalPolynomial, Motion, TouchMotion, Window,
+    FrictionState, JointMotion, LocalPolynomial, N_INERTIAL_PARAMETERS, TouchMotion, Window,
 };
 use palpate::{JointFriction, Robot, Sample, TorqueSign};
 use rayon::prelude::*;
 
-pub(super) use turning::Turning;
+pub(super) use reversal::FrictionReversal;
 
 use super::IdentifyError;
+use super::contact_samples::Touched;
 use super::posterior::Posterior;
-use super::touched::Touched;
 
 /// About the most rows of each joint; with more samples, a row is the mean of several.
-const MOST_ROWS: usize = 4_000;
+const MAX_ROWS: usize = 4_000;
 /// Folds of held-out motion.
 pub(super) const FOLDS: usize = 4;
 /// Most offsets and drifts by touch; all further touches share the last ones.
-const MOST_OFFSETS: usize = 12;
+const MAX_OFFSETS: usize = 12;
 /// Sampling rate of later logs, relative to that of these logs, at which the time window must still give speeds.
 const SLOWER: f64 = 0.75;
 /// Largest uncertainty of the friction state ([`FrictionState::unknown`]) at which a row of the joint is used.
-const MOST_UNKNOWN: f64 = 0.1;
+const MAX_UNKNOWN: f64 = 0.1;
 /// Coefficients of friction and drive: coulomb, asymmetry, breakaway, viscous, rotor.
 pub(super) const FRICTION: usize = 5;
 /// Coefficients of the bias: constant, cosine, sine.
@@ -55,7 +55,7 @@ pub(super) struct RegressionSettings {
     pub(super) window_s: f64,
     pub(super) delay_s: f64,
     /// By joint.
-    pub(super) turning: Vec<Turning>,
+    pub(super) turning: Vec<FrictionReversal>,
     /// Samples that are left out of the regression.
     pub(super) touched: Touched,
 }
@@ -71,7 +71,7 @@ struct Row {
     time_s: f64,
     /// Time within the touch, from −0.5 (start) to 0.5 (end).
     part: f64,
-    motion: Motion,
+    motion: JointMotion,
     /// Y, n_joints × (10 · n_bodies).
     regressor: DMatrix<f64>,
     /// Friction states with a presliding distance that is longer by [`SLOPE_STEP`].
@@ -83,7 +83,7 @@ struct Row {
 
 impl Row {
     fn knows_friction(&self, j: usize) -> bool {
-        self.motion.unknown[j] <= MOST_UNKNOWN
+        self.motion.unknown[j] <= MAX_UNKNOWN
     }
 
     /// Whether any sample of this row is in `touched`.
@@ -102,7 +102,7 @@ pub(super) struct Rows {
     pub(super) offsets: usize,
     /// Whether speeds can be determined.
     pub(super) timed: bool,
-    turning: Vec<Turning>,
+    turning: Vec<FrictionReversal>,
     /// By fold and joint.
     sums: Vec<Vec<Sum>>,
 }
@@ -197,7 +197,7 @@ impl Rows {
             .collect();
         let timed = motions.iter().all(|motion| motion.is_timed(settings.window_s));
         let samples: usize = touches.iter().map(|touch| touch.len()).sum();
-        let stride = samples.div_ceil(MOST_ROWS);
+        let stride = samples.div_ceil(MAX_ROWS);
 
         let how = Reading { robot, settings, sign, timed, stride, touches: touches.len() };
         let mut rows = Vec::new();
@@ -208,8 +208,8 @@ impl Rows {
             rows,
             motions,
             n_joints: robot.n_joints(),
-            n_parameters: BODY_PARAMETERS * robot.bodies().len(),
-            offsets: touches.len().min(MOST_OFFSETS),
+            n_parameters: N_INERTIAL_PARAMETERS * robot.bodies().len(),
+            offsets: touches.len().min(MAX_OFFSETS),
             timed,
             turning: settings.turning.clone(),
             sums: Vec::new(),
@@ -278,7 +278,7 @@ impl Rows {
             numbers[at + BIAS] = longer - z;
             numbers[at + BIAS + 1] = falls((1.0 + SLOPE_STEP) * stribeck) - falls(stribeck);
         }
-        let offset = at + BIAS + SLOPES + 2 * row.touch.min(MOST_OFFSETS - 1);
+        let offset = at + BIAS + SLOPES + 2 * row.touch.min(MAX_OFFSETS - 1);
         numbers[offset] = 1.0;
         numbers[offset + 1] = row.part;
         numbers[self.width() - 1] = row.torque[j];

@@ -13,7 +13,7 @@ use palpate_io::log::AngleUnit;
 
 use super::joints::{Matching, miscounted};
 use super::{AsLogged, Place, Read};
-use crate::conventions::Given;
+use crate::conventions::KnownConvention;
 use crate::error::WorkError;
 use crate::inspect::finding::{Finding, Level};
 use crate::inspect::words::{counted, listed};
@@ -21,7 +21,7 @@ use crate::progress::Progress;
 use crate::touches::{RecordedTouch, Touches};
 
 /// Most frames that are kept for the check: 50 MB for seven joints. Later frames are not checked.
-const MOST_FRAMES: usize = 250_000;
+const MAX_FRAMES: usize = 250_000;
 /// Number of touches after which they are checked for the first time.
 const FIRST_TOUCHES: usize = 3;
 /// Codes of findings that do not apply to a running robot: those about a whole touch, and those about times and repeats
@@ -50,7 +50,7 @@ pub struct LogCheck {
 
 impl LogCheck {
     /// A check of the touches of an arm; `place` is the lattice and the contact model, `set` the torque convention. If
-    /// `strict`, [`Self::look`] returns an error if something looks wrong.
+    /// `strict`, [`Self::check`] returns an error if something looks wrong.
     pub fn new(
         arm: &Arc<Arm>,
         place: Place,
@@ -74,7 +74,7 @@ impl LogCheck {
 
     /// The same check, with codes of findings that were reported already.
     #[must_use]
-    pub(crate) fn after(mut self, reported: &HashSet<&'static str>) -> Self {
+    pub(crate) fn without_reported(mut self, reported: &HashSet<&'static str>) -> Self {
         self.reported.extend(reported);
         self
     }
@@ -84,7 +84,7 @@ impl LogCheck {
     pub fn of(mut self, touches: &[RecordedTouch]) -> Self {
         self.contacts = None;
         for touch in touches {
-            let frames = touch.samples.len().min(MOST_FRAMES - self.frames);
+            let frames = touch.samples.len().min(MAX_FRAMES - self.frames);
             let samples = touch.samples[..frames].to_vec();
             let RecordedTouch { log, name, joint_names, .. } = touch.clone();
             self.touches.push(RecordedTouch { log, name, joint_names, samples });
@@ -97,7 +97,7 @@ impl LogCheck {
     ///
     /// # Errors
     ///
-    /// As [`Self::look`].
+    /// As [`Self::check`].
     pub fn begin(
         &mut self,
         name: &str,
@@ -106,7 +106,7 @@ impl LogCheck {
     ) -> Result<(), WorkError> {
         if self.touches.len() == self.next {
             self.next *= 4;
-            self.look(progress)?;
+            self.check(progress)?;
         }
         self.begin_touch(touches.begun(name));
         Ok(())
@@ -142,7 +142,7 @@ impl LogCheck {
     pub fn add(&mut self, sample: &Sample, contacts: usize) {
         let of_touch = self.contacts.as_mut().and_then(|all| all.last_mut());
         if let (Some(touch), Some(of_touch)) = (self.touches.last_mut(), of_touch)
-            && self.frames < MOST_FRAMES
+            && self.frames < MAX_FRAMES
         {
             touch.samples.push(sample.clone());
             of_touch.push(contacts);
@@ -155,7 +155,7 @@ impl LogCheck {
     /// # Errors
     ///
     /// If something looks wrong and the check is `strict`, or the progress stops it.
-    pub fn look(&mut self, progress: &dyn Progress) -> Result<(), WorkError> {
+    pub fn check(&mut self, progress: &dyn Progress) -> Result<(), WorkError> {
         let found = self.findings(progress)?;
         self.reported.extend(found.iter().map(|finding| finding.code));
         warn_of(&found, &self.log(), self.strict, progress)
@@ -164,7 +164,7 @@ impl LogCheck {
     /// Warns of what may be the reason for an error.
     pub fn explain(mut self, progress: &dyn Progress) {
         self.strict = false;
-        let _ = self.look(progress);
+        let _ = self.check(progress);
     }
 
     /// What looks wrong and was not reported yet, errors first.
@@ -185,7 +185,7 @@ impl LogCheck {
         }
         let matching = matching(&touches);
         let Self { arm, place, set, angle_unit, .. } = self;
-        let given = Given::of(set);
+        let given = KnownConvention::of(set);
         let (angle_unit, is_identified) = (Some(*angle_unit), set.identified);
         let read = Read { arm, place, set, given, angle_unit, matching, is_identified };
         let mut found = read.judge(&mut touches, contacts.as_deref(), progress)?.findings;
@@ -211,7 +211,7 @@ impl LogCheck {
 pub(crate) fn looks_wrong_as_logged(
     touches: &mut [RecordedTouch],
     robot: &Robot,
-    (set, given): (&ExternalTorqueConfig, Given),
+    (set, given): (&ExternalTorqueConfig, KnownConvention),
     angle_unit: AngleUnit,
 ) -> Vec<Finding> {
     let as_they_are = (Some(angle_unit), matching(touches));

@@ -10,7 +10,7 @@ use palpate_learn::evaluation::MeanStd;
 use super::super::finding::Finding;
 use super::super::words::{counted, number};
 use super::mean;
-use super::reading::Fits;
+use super::reading::ConventionFits;
 use super::sensors::is_frozen;
 use crate::quantile::median;
 use crate::touches::RecordedTouch;
@@ -21,11 +21,11 @@ const LEFT_FRAMES: usize = 3;
 /// How far off a torque is, on average, when noise lets it stay beyond `LEFT`, standard deviations.
 const FAR: f64 = 7.0;
 /// Least standard deviation, N·m, for noise of sensors and errors of the gravity model.
-const LEAST_NOISE: f64 = 0.02;
+const MIN_NOISE: f64 = 0.02;
 /// Smallest delay that is reported, frames; smaller ones come from how sensors are read.
-const LEAST_DELAY: f64 = 3.0;
+const MIN_DELAY: f64 = 3.0;
 /// Smallest delay that is reported, s; smaller ones come from filters of joint torques.
-const LEAST_DELAY_S: f64 = 0.02;
+const MIN_DELAY_S: f64 = 0.02;
 /// Fewest touches whose delay must be known.
 const FEWEST: usize = 3;
 
@@ -33,7 +33,7 @@ const FEWEST: usize = 3;
 pub(super) fn finding(
     touches: &[RecordedTouch],
     robot: &Robot,
-    (fits, still_rad): (&Fits, f64),
+    (fits, still_rad): (&ConventionFits, f64),
     period_s: Option<f64>,
 ) -> Option<Finding> {
     let fit = fits.accepted();
@@ -46,7 +46,7 @@ pub(super) fn finding(
         median(&delays.iter().map(|delay| delay[which]).collect::<Vec<f64>>()).unwrap_or(0.0)
     });
     let delay_s = period_s.map(|period_s| period_s * frames);
-    let is_none = at_least < LEAST_DELAY || delay_s.is_some_and(|s| s < LEAST_DELAY_S);
+    let is_none = at_least < MIN_DELAY || delay_s.is_some_and(|s| s < MIN_DELAY_S);
     if delays.len() < FEWEST || is_none {
         return None;
     }
@@ -73,7 +73,7 @@ fn delay(touch: &RecordedTouch, robot: &Robot, still_rad: f64) -> Option<[f64; 2
     let stds: Vec<f64> = (0..robot.n_joints())
         .map(|joint| {
             let torques = start.iter().map(|sample| sample.tau[joint]);
-            MeanStd::of(torques).map_or(0.0, |torque| torque.std).max(LEAST_NOISE)
+            MeanStd::of(torques).map_or(0.0, |torque| torque.std).max(MIN_NOISE)
         })
         .collect();
     let gravity = |sample: &Sample| {

@@ -12,12 +12,12 @@ use serde::Serialize;
 
 use super::Place;
 use super::farthest;
-use super::reading::Fit;
+use super::reading::ConventionFit;
+use crate::contact_counts::{ContactCounts, point};
 use crate::error::WorkError;
 use crate::progress::{Bar, Progress};
 use crate::quantile::{bounds, extremes, quantile};
 use crate::settings::SettingsError;
-use crate::touched::{Touched, point};
 use crate::touches::RecordedTouch;
 
 /// Largest distance of a joint from its start at which the arm is back, rad or m.
@@ -75,18 +75,18 @@ pub(super) struct Figures {
 /// In a long log, contacts are simulated in about this many frames, spread evenly over the motion while the arm touches
 /// something; the frames between have the same contacts. The second constant is the largest motion of a joint between
 /// two of them, rad or m.
-const MOST_FRAMES: f64 = 5_000.0;
+const MAX_FRAMES: f64 = 5_000.0;
 const LONGEST_STEP: f64 = 0.005;
 
-/// Motion of a joint, rad or m, after which contacts are simulated again, so that this happens in [`MOST_FRAMES`]
+/// Motion of a joint, rad or m, after which contacts are simulated again, so that this happens in [`MAX_FRAMES`]
 /// frames or more; 0 for logs with fewer frames.
 fn step(touches: &[RecordedTouch]) -> f64 {
     let pairs = || touches.iter().flat_map(|touch| touch.samples.windows(2));
-    if (pairs().count() as f64) < MOST_FRAMES {
+    if (pairs().count() as f64) < MAX_FRAMES {
         return 0.0;
     }
     let way: f64 = pairs().map(|pair| farthest(&pair[0].q, &pair[1].q)).sum();
-    (way / MOST_FRAMES).min(LONGEST_STEP)
+    (way / MAX_FRAMES).min(LONGEST_STEP)
 }
 
 /// A touch, tracked in the lattice.
@@ -96,7 +96,7 @@ struct Followed {
     start_frames: usize,
     /// Logged torques in the sign of external torques, minus gravity, by frame, N·m.
     raw: Vec<Vec<f64>>,
-    touched: Touched,
+    touched: ContactCounts,
     /// Cells touched after the tare.
     cells: HashSet<CellId>,
 }
@@ -106,7 +106,7 @@ impl Figures {
     pub(super) fn new(
         arm: &Arc<Arm>,
         (lattice, contact): &Place,
-        (set, fit): (&ExternalTorqueConfig, Fit),
+        (set, fit): (&ExternalTorqueConfig, ConventionFit),
     ) -> Result<Self, SettingsError> {
         let (tare, still_rad) = (set.tare, set.still_rad);
         let mut set = set.clone();
@@ -130,7 +130,7 @@ impl Figures {
         touches: &[RecordedTouch],
         contacts: Option<&[Vec<usize>]>,
         progress: &dyn Progress,
-    ) -> Result<(Vec<TouchFacts>, Touched, usize), WorkError> {
+    ) -> Result<(Vec<TouchFacts>, ContactCounts, usize), WorkError> {
         let frames = touches.iter().map(RecordedTouch::frames).sum::<usize>();
         // With known contacts it takes almost no time.
         let bar = match contacts {
@@ -145,7 +145,7 @@ impl Figures {
         };
         let found = touches.par_iter().enumerate().map(follow);
         let found = found.collect::<Result<Vec<_>, WorkError>>()?;
-        let (mut touched, mut cells) = (Touched::default(), HashSet::<CellId>::new());
+        let (mut touched, mut cells) = (ContactCounts::default(), HashSet::<CellId>::new());
         for (_, followed) in &found {
             touched.join(&followed.touched);
             cells.extend(&followed.cells);

@@ -17,7 +17,7 @@ const GAP: f64 = 3.0;
 const BELIEVABLE_PERIOD_S: [f64; 2] = [1e-5, 5.0];
 /// A clock is probably in ms if the median step is at least this, and no joint reaches the speed `CRAWLS`, rad/s or
 /// m/s, although the log has `CRAWLS_FRAMES` frames and a joint moves by `CRAWLS_ALL_THE_WAY`, rad or m.
-const LEAST_PERIOD_MS: f64 = 0.5;
+const MIN_PERIOD_MS: f64 = 0.5;
 const CRAWLS: f64 = 0.02;
 const CRAWLS_FRAMES: usize = 200;
 const CRAWLS_ALL_THE_WAY: f64 = 0.1;
@@ -130,7 +130,7 @@ fn copies(touches: &[RecordedTouch]) -> Option<Finding> {
 /// A clock that is not in seconds.
 fn time_unit(clock: &ClockFacts, touches: &[RecordedTouch]) -> Option<Finding> {
     let [least, most] = BELIEVABLE_PERIOD_S;
-    let is_slow = clock.period_s >= LEAST_PERIOD_MS && crawls(touches);
+    let is_slow = clock.period_s >= MIN_PERIOD_MS && crawls(touches);
     (is_slow || !(least..=most).contains(&clock.period_s)).then(|| {
         let period_s = number(clock.period_s);
         let slowly = if is_slow { ", in which the arm hardly moves" } else { "" };

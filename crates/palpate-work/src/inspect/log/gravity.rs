@@ -7,8 +7,8 @@ use super::super::finding::Finding;
 use super::super::words::{listed, number, word};
 use super::joints::Matching;
 use super::payload;
-use super::reading::{self, Fit, Fits, Reading};
-use crate::conventions::{Evidence, Given};
+use super::reading::{self, ConventionFit, ConventionFits, LogInterpretation};
+use crate::conventions::{ConventionEvidence, KnownConvention};
 use crate::touches::RecordedTouch;
 
 /// Finds from gravity how the log is to be read, and puts the joints of the touches into the order
@@ -16,9 +16,9 @@ use crate::touches::RecordedTouch;
 pub(super) fn judge(
     touches: &mut [RecordedTouch],
     robot: &Robot,
-    (set, given): (&ExternalTorqueConfig, Given),
+    (set, given): (&ExternalTorqueConfig, KnownConvention),
     (angle_unit, matching): (AngleUnit, Matching),
-) -> (Reading, Vec<Finding>) {
+) -> (LogInterpretation, Vec<Finding>) {
     let mut rests = reading::rests(touches, set.still_rad);
     let straight: Vec<usize> = (0..robot.n_joints()).collect();
     let mut fits = reading::fits(robot, &rests, &straight, set);
@@ -30,7 +30,7 @@ pub(super) fn judge(
         (fits, order) = (better, Some(other));
     }
     let samples: Vec<&[Sample]> = touches.iter().map(|touch| &touch.samples[..]).collect();
-    let evidence = Evidence::of(robot, &samples, set.still_rad);
+    let evidence = ConventionEvidence::of(robot, &samples, set.still_rad);
     let decided = evidence.map(|evidence| evidence.decide(given));
     if let Some(Ok(found)) = decided {
         let mut set = set.clone();
@@ -53,23 +53,34 @@ pub(super) fn judge(
             "give the flags that it names; below, the log is read as if they were left out";
         findings.push(Finding::warning("undecided", undecided.to_string(), remedy));
     }
-    let Fit { torque_sign, gravity, residual, .. } = fits.accepted();
+    let ConventionFit { torque_sign, gravity, residual, .. } = fits.accepted();
     let unexplained_share = fits.has_enough_gravity().then(|| residual / fits.gravity_torque);
-    let reading =
-        Reading { angle_unit, order, torque_sign, gravity, unexplained_share, payload, fits };
+    let reading = LogInterpretation {
+        angle_unit,
+        order,
+        torque_sign,
+        gravity,
+        unexplained_share,
+        payload,
+        fits,
+    };
     (reading, findings)
 }
 
 /// A payload that explains the torques, and the convention under which it does.
-fn payload_of(robot: &Robot, rests: &[Sample], fits: &Fits) -> Option<(Fit, Payload)> {
+fn payload_of(
+    robot: &Robot,
+    rests: &[Sample],
+    fits: &ConventionFits,
+) -> Option<(ConventionFit, Payload)> {
     [&fits.set, &fits.best].into_iter().find_map(|fit| {
-        let included = Fit { gravity: Gravity::Included, ..*fit };
+        let included = ConventionFit { gravity: Gravity::Included, ..*fit };
         Some((included, payload::explain(robot, rests, &included)?))
     })
 }
 
 /// Flags that change the convention `set` into `right`.
-fn flags(set: &Fit, right: &Fit) -> Vec<String> {
+fn flags(set: &ConventionFit, right: &ConventionFit) -> Vec<String> {
     let mut flags = Vec::new();
     if set.torque_sign != right.torque_sign {
         flags.extend(["--torque-sign".to_owned(), word(right.torque_sign)]);
@@ -80,7 +91,7 @@ fn flags(set: &Fit, right: &Fit) -> Vec<String> {
     flags
 }
 
-fn wrong_convention(fits: &Fits) -> Finding {
+fn wrong_convention(fits: &ConventionFits) -> Finding {
     let (set, best) = (&fits.set, &fits.best);
     let when = if fits.at_rest { "at rest" } else { "on average" };
     let [residual, residual_as_set, gravity_torque] =
@@ -125,7 +136,7 @@ fn wrong_order(
     robot: &Robot,
     order: &[usize],
     matching: Matching,
-    (straight, better): (&Fits, &Fits),
+    (straight, better): (&ConventionFits, &ConventionFits),
 ) -> Finding {
     let n = order.len();
     let names: Vec<&str> = robot.joint_names().collect();
@@ -174,7 +185,7 @@ fn opposite_signs(robot: &Robot, by_sign: &[Vec<usize>; 2]) -> Finding {
 }
 
 /// The finding that no convention explains the torques.
-fn misfit(fits: &Fits, heavier: Option<&(Fit, Payload)>) -> Finding {
+fn misfit(fits: &ConventionFits, heavier: Option<&(ConventionFit, Payload)>) -> Finding {
     let what = format!(
         "gravity does not explain the torques at rest, in either sign: {} N·m remain unexplained, where \
          gravity is {} N·m",

@@ -13,7 +13,7 @@
 //! | `mounting` | whether the arm is mounted as its URDF says                |
 //! | `payload` | what weight would explain torques that gravity does not     |
 //! | `figures` | start, tare, noise, push, contacts and end of each touch    |
-//! | `rest`    | the findings from these figures                             |
+//! | `touch_findings` | the findings from these figures                             |
 //! | `check`   | all checks while a log is being learnt from                 |
 //!
 //! Most defects show only in comparison with the whole log, so it is read into memory: 200 bytes for a frame of seven
@@ -32,8 +32,8 @@ mod motion;
 mod mounting;
 mod payload;
 mod reading;
-mod rest;
 mod sensors;
+mod touch_findings;
 mod unit;
 
 pub(crate) use motion::LIMIT_MARGIN;
@@ -45,29 +45,31 @@ use std::sync::Arc;
 use palpate::{
     Arm, ContactConfig, ExternalTorqueConfig, Gravity, Lattice, MapperConfig, Robot, TorqueSign,
 };
-use palpate_io::log::{AngleUnit, CsvColumns, Format, LogDescription, LogWarning, LoggedTorques};
+use palpate_io::log::{
+    AngleUnit, CsvColumns, LogDescription, LogFormat, LogWarning, LoggedTorques,
+};
 use serde::Serialize;
 
 use super::field::LatticeFacts;
 use super::finding::Finding;
-use crate::conventions::Given;
+use crate::contact_counts::TouchedFigures;
+use crate::conventions::KnownConvention;
 use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::Settings;
-use crate::touched::TouchedFigures;
 use crate::touches::{CURRENTS, RecordedTouch, Touches};
 pub use check::LogCheck;
 pub(crate) use check::{looks_wrong_as_logged, warn_of};
 pub use figures::TouchFacts;
 pub use frames::ClockFacts;
 pub use joints::Matching;
-pub use reading::{Fit, Fits, Reading};
+pub use reading::{ConventionFit, ConventionFits, LogInterpretation};
 
 /// Facts about a log.
 #[derive(Debug, Serialize)]
 pub struct LogFacts {
     /// Its format.
-    pub format: Format,
+    pub format: LogFormat,
     /// The columns that are read, if it is a table.
     pub columns: Option<CsvColumns>,
     /// Name of the robot with which it is compared.
@@ -81,7 +83,7 @@ pub struct LogFacts {
     /// How they were matched to the robot's.
     pub matching: Matching,
     /// How the log should be read; only if the joints match the robot's.
-    pub reading: Option<Reading>,
+    pub reading: Option<LogInterpretation>,
     /// The lattice in which contacts are simulated.
     pub lattice: LatticeFacts,
     /// Counts of touched points and cells, as `map` would find; only if the joints match the robot's.
@@ -156,7 +158,7 @@ impl LogInspector<'_> {
         }
         if settings.pauses().is_some() {
             let place = (self.config.lattice.clone(), self.config.contact.clone());
-            let whole = Touches::held(&log.log().to_string_lossy(), touches);
+            let whole = Touches::in_memory(&log.log().to_string_lossy(), touches);
             touches = self.read(&mut whole.for_arm(self.arm, settings, place)?);
         }
         if !touches.is_empty() {
@@ -186,10 +188,10 @@ impl LogInspector<'_> {
     }
 
     /// The part of the torque convention that is given, or known from the type of message.
-    fn given(&self, external: bool) -> Given {
+    fn given(&self, external: bool) -> KnownConvention {
         let touch = &self.settings.touch;
         let (sign, gravity) = (touch.torque_sign_given(), touch.gravity_given());
-        Given {
+        KnownConvention {
             torque_sign: sign.or(external.then_some(TorqueSign::Minus)),
             gravity: gravity.or(external.then_some(Gravity::Removed)),
         }
@@ -214,7 +216,7 @@ struct Read<'a> {
     place: &'a Place,
     /// The torque convention; where it is not given, the one from which the search begins.
     set: &'a ExternalTorqueConfig,
-    given: Given,
+    given: KnownConvention,
     /// Unit of angles, if given by the settings or by the names of columns.
     angle_unit: Option<AngleUnit>,
     matching: Matching,
@@ -224,7 +226,7 @@ struct Read<'a> {
 
 /// Facts and findings about touches.
 struct Judged {
-    reading: Reading,
+    reading: LogInterpretation,
     touched: TouchedFigures,
     touches: Vec<TouchFacts>,
     findings: Vec<Finding>,
@@ -254,7 +256,7 @@ impl Read<'_> {
         let (facts, touched, cells) = figures.of_all(touches, contacts, progress)?;
         let nothing = touched.nothing(&self.place.0);
         let moves = figures::last_link_box(touches, robot);
-        let figured = rest::Figured {
+        let figured = touch_findings::JudgedFigures {
             robot,
             touches: &facts,
             tare: set.tare,
@@ -268,7 +270,7 @@ impl Read<'_> {
 
 /// Facts and findings about touches that need no contacts.
 struct AsLogged {
-    reading: Reading,
+    reading: LogInterpretation,
     /// Whether unit and order of joints are those in which the touches were read.
     as_read: bool,
     period_s: Option<f64>,
@@ -281,17 +283,17 @@ impl AsLogged {
     fn of(
         touches: &mut [RecordedTouch],
         robot: &Robot,
-        (set, given): (&ExternalTorqueConfig, Given),
+        (set, given): (&ExternalTorqueConfig, KnownConvention),
         (angle_unit, matching): (Option<AngleUnit>, Matching),
     ) -> Self {
-        let without_turns = |touches: &mut [RecordedTouch]| {
-            touches.iter_mut().for_each(|touch| touch.without_turns(robot));
+        let unwrap_angles = |touches: &mut [RecordedTouch]| {
+            touches.iter_mut().for_each(|touch| touch.unwrap_angles(robot));
         };
         let (angle_unit, wrong_unit) = unit::correct(touches, robot, angle_unit, set);
-        without_turns(touches);
+        unwrap_angles(touches);
         let (reading, by_gravity) =
             gravity::judge(touches, robot, (set, given), (angle_unit, matching));
-        without_turns(touches); // again: the order of joints may have changed
+        unwrap_angles(touches); // again: the order of joints may have changed
         let as_read = wrong_unit.is_none() && reading.order.is_none();
         let mut findings = Vec::from_iter(wrong_unit);
         findings.extend(by_gravity);

@@ -13,7 +13,7 @@ pub(crate) const LIMIT_MARGIN: f64 = 0.01;
 /// A speed above this multiple of the limit is a jump.
 const JUMP: f64 = 1.5;
 /// Smallest jump, rad or m.
-const LEAST_JUMP: f64 = 0.02;
+const MIN_JUMP: f64 = 0.02;
 /// Smallest jump if there is no clock or no speed limit, rad or m.
 const JUMP_ANYWAY: f64 = 0.5;
 
@@ -64,7 +64,7 @@ fn jumps(touches: &[RecordedTouch], robot: &Robot, period_s: Option<f64>) -> Opt
         let ways = robot.difference(&before.q, &now.q);
         let moves = joints.iter().zip(ways).map(|(joint, way)| (joint, way.abs()));
         let jumped = |(joint, way): &(&Joint, f64)| match (step_s, joint.velocity) {
-            (Some(step_s), Some(limit)) => *way > (JUMP * limit * step_s).max(LEAST_JUMP),
+            (Some(step_s), Some(limit)) => *way > (JUMP * limit * step_s).max(MIN_JUMP),
             _ => *way > JUMP_ANYWAY,
         };
         moves.filter(jumped).max_by(|a, b| a.1.total_cmp(&b.1))

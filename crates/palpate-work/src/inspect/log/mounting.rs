@@ -9,25 +9,25 @@ use palpate::{Gravity, MIN_TARE_FRAMES, Robot, Sample};
 
 use super::super::finding::Finding;
 use super::super::words::number;
-use super::reading::Fit;
+use super::reading::ConventionFit;
 use crate::touches::RecordedTouch;
 
 /// A touch returns to its start if every joint ends nearer to it than this part of the largest displacement of a joint.
 const BACK: f64 = 0.1;
 /// Least work over a touch, as a part of the range between its least and greatest value during the touch.
-const LEAST_PART: f64 = 0.1;
+const MIN_PART: f64 = 0.1;
 /// Least work over a touch, J: hysteresis of the sensors does a little work in free motion.
-const LEAST_J: f64 = 0.05;
+const MIN_J: f64 = 0.05;
 /// Fewest touches that return and do work.
 const FEWEST: usize = 3;
 /// Least share of them in which the work must be positive.
-const LEAST_GIVING: f64 = 0.8;
+const MIN_GIVING: f64 = 0.8;
 
 /// A warning if the external torque does positive work in touches that return to their start.
 pub(super) fn finding(
     touches: &[RecordedTouch],
     robot: &Robot,
-    (fit, still_rad): (&Fit, f64),
+    (fit, still_rad): (&ConventionFit, f64),
 ) -> Option<Finding> {
     if fit.gravity == Gravity::Removed {
         return None;
@@ -35,7 +35,7 @@ pub(super) fn finding(
     let works: Vec<f64> =
         touches.iter().filter_map(|touch| work_j(touch, robot, fit, still_rad)).collect();
     let given: Vec<f64> = works.iter().copied().filter(|work| *work > 0.0).collect();
-    if works.len() < FEWEST || (given.len() as f64) < LEAST_GIVING * works.len() as f64 {
+    if works.len() < FEWEST || (given.len() as f64) < MIN_GIVING * works.len() as f64 {
         return None;
     }
     let what = format!(
@@ -53,7 +53,12 @@ pub(super) fn finding(
 
 /// The work, J, that the external torque does on the arm in a touch; `None` if the arm does not return, does not stand
 /// still at start and end, or the work is too small.
-fn work_j(touch: &RecordedTouch, robot: &Robot, fit: &Fit, still_rad: f64) -> Option<f64> {
+fn work_j(
+    touch: &RecordedTouch,
+    robot: &Robot,
+    fit: &ConventionFit,
+    still_rad: f64,
+) -> Option<f64> {
     let still = touch.still_frames(still_rad);
     let start = &touch.samples.first()?.q;
     let largest = |way: Vec<f64>| way.iter().fold(0.0, |most: f64, way| most.max(way.abs()));
@@ -90,5 +95,5 @@ fn work_j(touch: &RecordedTouch, robot: &Robot, fit: &Fit, still_rad: f64) -> Op
         work += way.iter().enumerate().map(|(j, way)| midpoint(j) * way).sum::<f64>();
         (most, least) = (most.max(work), least.min(work));
     }
-    (work.abs() > LEAST_J.max(LEAST_PART * (most - least))).then_some(work)
+    (work.abs() > MIN_J.max(MIN_PART * (most - least))).then_some(work)
 }

@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 use palpate::{Payload, Robot, Sample};
 
-use super::reading::Fit;
+use super::reading::ConventionFit;
 use crate::quantile::median;
 
 /// The residual with the payload must be less than this part of the residual without it.
@@ -17,10 +17,10 @@ const BELIEVABLE_KG: [f64; 2] = [0.05, 50.0];
 /// Largest plausible coordinate of the centre of mass in the frame of the link, m.
 const FARTHEST_M: f64 = 0.5;
 /// Singular values below this part of the largest count as zero: the touches do not determine these directions.
-const LEAST_SINGULAR: f64 = 0.03;
+const MIN_SINGULAR: f64 = 0.03;
 
 /// The payload at the last link that explains the residual, if one does.
-pub(super) fn explain(robot: &Robot, rests: &[Sample], fit: &Fit) -> Option<Payload> {
+pub(super) fn explain(robot: &Robot, rests: &[Sample], fit: &ConventionFit) -> Option<Payload> {
     let link = robot.joints().last()?.child;
     let link = &robot.links()[link.index()].name;
     let carrying = |mass_kg: f64, com_link_m: [f64; 3]| {
@@ -48,7 +48,7 @@ pub(super) fn explain(robot: &Robot, rests: &[Sample], fit: &Fit) -> Option<Payl
         }
     }
     let svd = columns.clone().svd(true, true);
-    let solved = svd.solve(&wanted, LEAST_SINGULAR * svd.singular_values.max()).ok()?;
+    let solved = svd.solve(&wanted, MIN_SINGULAR * svd.singular_values.max()).ok()?;
     let median_norm = |residual: &DVector<f64>| {
         let norms = residual.as_slice().chunks(n).map(|r| DVector::from_column_slice(r).norm());
         median(&norms.collect::<Vec<_>>()).unwrap_or(0.0)

@@ -13,7 +13,7 @@ use palpate::{ExternalTorqueConfig, Gravity, MIN_TARE_FRAMES, Payload, Robot, Sa
 use palpate_io::log::AngleUnit;
 use serde::Serialize;
 
-use crate::conventions::{BETTER, LEAST_GRAVITY, NEAR_SLOPE, residual};
+use crate::conventions::{BETTER, MIN_GRAVITY, NEAR_SLOPE, residual};
 use crate::touches::RecordedTouch;
 
 /// Largest residual that is still good, as a part of gravity.
@@ -36,7 +36,7 @@ pub(super) struct Rests {
 
 /// How well a convention explains the log.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Fit {
+pub struct ConventionFit {
     /// Sign of the torques.
     pub torque_sign: TorqueSign,
     /// Whether they contain gravity.
@@ -50,11 +50,11 @@ pub struct Fit {
 
 /// How well each convention explains the log, for one order of the joints.
 #[derive(Debug, Clone, Serialize)]
-pub struct Fits {
+pub struct ConventionFits {
     /// The convention of the settings.
-    pub set: Fit,
+    pub set: ConventionFit,
     /// The one with the smallest residual.
-    pub best: Fit,
+    pub best: ConventionFit,
     /// Torque of gravity at rest, N·m over all joints.
     pub gravity_torque: f64,
     /// Whether there are samples at rest; if not, the figures are of any frames.
@@ -68,7 +68,7 @@ pub struct Fits {
 
 /// How a log should be read.
 #[derive(Debug, Serialize)]
-pub struct Reading {
+pub struct LogInterpretation {
     /// Unit in which the log seems to be.
     pub angle_unit: AngleUnit,
     /// Order of the joints that the log seems to have, if it is not the robot's: index in the log of each joint of the
@@ -83,10 +83,10 @@ pub struct Reading {
     /// A payload at the last link that would explain what gravity does not.
     pub payload: Option<Payload>,
     /// How well the conventions explain the log.
-    pub fits: Fits,
+    pub fits: ConventionFits,
 }
 
-impl Fit {
+impl ConventionFit {
     /// Distance of the slope from that under the convention: 1 with gravity, 0 without.
     fn off_slope(&self) -> f64 {
         let expected = if self.gravity == Gravity::Included { 1.0 } else { 0.0 };
@@ -94,10 +94,10 @@ impl Fit {
     }
 }
 
-impl Fits {
+impl ConventionFits {
     /// Whether gravity is large enough to compare conventions.
     pub fn has_enough_gravity(&self) -> bool {
-        self.gravity_torque >= LEAST_GRAVITY
+        self.gravity_torque >= MIN_GRAVITY
     }
 
     /// Whether even the best convention has too large a residual.
@@ -113,7 +113,7 @@ impl Fits {
         let without_gravity = both.iter().all(|fit| fit.gravity == Gravity::Removed);
         let decides = without_gravity || !self.has_enough_gravity();
         if let Some(torque_sign) = sign.filter(|sign| decides && *sign != self.set.torque_sign) {
-            self.best = Fit { torque_sign, ..self.set };
+            self.best = ConventionFit { torque_sign, ..self.set };
             self.by_work = true;
         }
         self
@@ -132,7 +132,7 @@ impl Fits {
     }
 
     /// The convention that the log should be read under.
-    pub fn accepted(&self) -> Fit {
+    pub fn accepted(&self) -> ConventionFit {
         if self.contradict() { self.best } else { self.set }
     }
 }
@@ -162,7 +162,7 @@ pub(super) fn fits(
     rests: &Rests,
     order: &[usize],
     set: &ExternalTorqueConfig,
-) -> Fits {
+) -> ConventionFits {
     let pick = |row: &[f64]| order.iter().map(|&place| row[place]).collect::<Vec<f64>>();
     // Torque of gravity and measured torque at each moment, n_joints, N·m.
     let torques = |rest: &Sample| {
@@ -176,7 +176,12 @@ pub(super) fn fits(
         let sign = super::sign(torque_sign);
         let part = if gravity == Gravity::Included { 1.0 } else { 0.0 };
         let slope = if square > 0.0 { sign * cross / square } else { 0.0 };
-        Fit { torque_sign, gravity, residual: residual(&torques, sign, part).unwrap_or(0.0), slope }
+        ConventionFit {
+            torque_sign,
+            gravity,
+            residual: residual(&torques, sign, part).unwrap_or(0.0),
+            slope,
+        }
     };
     // Without gravity the sign cannot be determined: it is left as set.
     let all = [
@@ -185,10 +190,17 @@ pub(super) fn fits(
         fit(TorqueSign::Minus, Gravity::Included),
         fit(set.torque_sign, Gravity::Removed),
     ];
-    let off = |fit: &Fit| if rests.still { fit.residual } else { fit.off_slope() };
+    let off = |fit: &ConventionFit| if rests.still { fit.residual } else { fit.off_slope() };
     let best = all.into_iter().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(all[0]);
     let (gravity_torque, n_joints) = (residual(&torques, 0.0, 1.0).unwrap_or(0.0), order.len());
-    Fits { set: all[0], best, gravity_torque, at_rest: rests.still, by_work: false, n_joints }
+    ConventionFits {
+        set: all[0],
+        best,
+        gravity_torque,
+        at_rest: rests.still,
+        by_work: false,
+        n_joints,
+    }
 }
 
 /// Joints whose torques at rest have the sign of gravity's, and those with the opposite sign; `None` if all have the
@@ -197,7 +209,7 @@ pub(super) fn by_sign(
     robot: &Robot,
     rests: &Rests,
     set: &ExternalTorqueConfig,
-    straight: &Fits,
+    straight: &ConventionFits,
 ) -> Option<[Vec<usize>; 2]> {
     if !rests.still || !straight.has_enough_gravity() {
         return None;
@@ -214,7 +226,7 @@ pub(super) fn by_sign(
             torques.iter().map(|(gravity, tau)| of(gravity[joint], tau[joint])).sum()
         };
         let (square, cross) = (sum(|g, _| g * g), sum(|g, tau| g * tau));
-        let loaded = square >= torques.len() as f64 * LEAST_GRAVITY * LEAST_GRAVITY;
+        let loaded = square >= torques.len() as f64 * MIN_GRAVITY * MIN_GRAVITY;
         let follows = (cross.abs() / square - 1.0).abs() < NEAR_SLOPE;
         if loaded && follows { cross.signum() } else { 0.0 }
     };
@@ -242,8 +254,8 @@ pub(super) fn other_order(
     robot: &Robot,
     rests: &Rests,
     set: &ExternalTorqueConfig,
-    straight: &Fits,
-) -> Option<(Vec<usize>, Fits)> {
+    straight: &ConventionFits,
+) -> Option<(Vec<usize>, ConventionFits)> {
     if !straight.misfit() {
         return None;
     }
@@ -251,7 +263,7 @@ pub(super) fn other_order(
         let fits = fits(robot, rests, &order, set);
         (order, fits)
     });
-    let far_better = |(_, fits): &(Vec<usize>, Fits)| {
+    let far_better = |(_, fits): &(Vec<usize>, ConventionFits)| {
         fits.has_enough_gravity()
             && !fits.misfit()
             && fits.best.residual < FAR_BETTER * straight.best.residual

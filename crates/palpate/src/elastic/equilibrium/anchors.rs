@@ -56,7 +56,7 @@ impl Equilibrium {
     pub(super) fn slide_anchors(&mut self, placed: &[PlacedLink<'_>], near: &[Vec<u16>]) {
         let posed = self.posed();
         self.update_anchors(placed, near, &posed);
-        let mobilities = self.body.mobilities();
+        let inverse_effective_masses = self.body.inverse_effective_masses();
         for (index, point) in self.points.iter().enumerate() {
             let Some(anchor) = &mut self.state.anchors[index] else { continue };
             let Some(link) = placed.iter().find(|link| link.index == anchor.link) else { continue };
@@ -66,7 +66,8 @@ impl Equilibrium {
             let normal = normal.try_normalize(1e-9).unwrap_or(Vector3::z());
             let offset = at - link.world_from_link * anchor.place_link;
             let slip = offset - normal * normal.dot(&offset);
-            let slip = slip / self.config.yields(mobilities[point.segment], self.substep_s);
+            let slip =
+                slip / self.config.yields(inverse_effective_masses[point.segment], self.substep_s);
             let longest = self.config.longest_slip_m(anchor.pressed_n);
             // Only the tangential offset is limited: along the normal, the anchor follows its
             // point.

@@ -42,7 +42,9 @@ impl Equilibrium {
                 let at = posed.point(point.segment, &point.lever_m);
                 let Some(pressed) = deepest(placed, near, &at, point.radius_m) else { continue };
                 let (offset, pressed_n) = self.offset(index, placed, pressed.link, &at);
-                let yields = self.config.yields(self.body.mobilities()[segment], self.substep_s);
+                let yields = self
+                    .config
+                    .yields(self.body.inverse_effective_masses()[segment], self.substep_s);
                 let resistance = self.config.resistance(&pressed, &offset, (pressed_n, yields));
                 then(&PressedAt { segment, link: pressed.link }, &at, &resistance);
             }

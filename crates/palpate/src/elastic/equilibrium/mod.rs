@@ -52,7 +52,7 @@ struct SurfacePoint {
 
 /// Convergence of a motion.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Settled {
+pub struct Convergence {
     /// Number of Newton steps.
     pub iterations: u32,
     /// Number of sub-steps that did not converge.
@@ -158,15 +158,15 @@ impl Equilibrium {
     ///
     /// At the first position of a touch the arm counts as free of contact: points of the body that are inside a link
     /// there are ignored until the next touch.
-    pub fn advance(&mut self, links: &[Isometry3<f64>], time_s: Option<f64>) -> Settled {
+    pub fn advance(&mut self, links: &[Isometry3<f64>], time_s: Option<f64>) -> Convergence {
         let Some(before) = self.before.replace(links.to_vec()) else {
             self.ignore_what_is_in_the_arm(links);
-            return Settled::default();
+            return Convergence::default();
         };
         let travel_m = self.arm.travel_m(&before, links);
         let substeps = ((travel_m / SUBSTEP_M).ceil() as u32).clamp(1, 1000);
         let time_s = time_s.unwrap_or(travel_m / self.config.speed_m_per_s);
-        let mut settled = Settled::default();
+        let mut settled = Convergence::default();
         self.substep_s = f64::max(time_s, 0.0) / f64::from(substeps); // 0 for NaN
         for step in 1..=substeps {
             let share = f64::from(step) / f64::from(substeps);
@@ -237,7 +237,7 @@ impl Equilibrium {
     }
 
     /// Computes the equilibrium of the body against links at fixed poses.
-    fn settle(&mut self, links: &[Isometry3<f64>], settled: &mut Settled) {
+    fn settle(&mut self, links: &[Isometry3<f64>], settled: &mut Convergence) {
         let arm = Arc::clone(&self.arm);
         let placed = placed(&arm, links);
         let near = self.near(&placed, &self.posed());

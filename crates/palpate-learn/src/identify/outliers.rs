@@ -14,7 +14,7 @@ const FAR_OFF: f64 = 5.0;
 /// Outliers: samples with a far larger residual than the median, if they are at most 1 % of all samples and have at
 /// least half of the sum of squared residuals.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Few {
+pub struct ResidualOutliers {
     /// Number of outliers.
     pub samples: usize,
     /// Number of held-out samples.
@@ -32,7 +32,7 @@ pub struct Few {
     pub without: [f64; 2],
 }
 
-impl Few {
+impl ResidualOutliers {
     /// From the residuals by touch; `None` if the residual is not concentrated in few samples.
     pub(super) fn of(left: &[Vec<Left>]) -> Option<Self> {
         let square = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>();

@@ -6,21 +6,21 @@ use palpate::{Gravity, MIN_TARE_FRAMES, Robot, Tare};
 use super::super::finding::Finding;
 use super::super::words::{counted, listed, number};
 use super::figures::{NO_NOISE, TouchFacts};
-use super::reading::Fits;
+use super::reading::ConventionFits;
 use crate::quantile::median;
 
 /// A touch whose external torque stays below this teaches little, N·m over all joints.
 const WEAK: f64 = 1.0;
 
 /// Figures of touches, and what is needed to judge them.
-pub(super) struct Figured<'a> {
+pub(super) struct JudgedFigures<'a> {
     pub robot: &'a Robot,
     pub touches: &'a [TouchFacts],
     pub tare: Tare,
     /// Whether the arm was identified, so that no tare is needed.
     pub is_identified: bool,
     /// How well the conventions explain the log; the figures are under the accepted one.
-    pub fits: &'a Fits,
+    pub fits: &'a ConventionFits,
 }
 
 /// Torque from which on a value is unusual at a joint: `torque`, N·m, or the share `part` of its
@@ -36,7 +36,7 @@ fn passes_by(touch: &TouchFacts) -> bool {
     touch.frames_in_contact == 0 && touch.still_frames < touch.frames
 }
 
-impl Figured<'_> {
+impl JudgedFigures<'_> {
     /// Everything that looks wrong. `nothing` is the message if no frame touches the lattice;
     /// `moves` is the box in which the last link moves, in words.
     pub(super) fn findings(&self, nothing: Option<String>, moves: Option<String>) -> Vec<Finding> {

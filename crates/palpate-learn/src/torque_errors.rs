@@ -10,7 +10,7 @@ pub const RELATIVE_FROM: f64 = 1.0;
 
 /// Mean and largest error, absolute and relative.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Errors {
+pub struct TorqueErrors {
     /// Mean error, N·m.
     pub avg_error: f64,
     /// Largest error, N·m.
@@ -21,7 +21,7 @@ pub struct Errors {
     pub max_relative: Option<f64>,
 }
 
-impl Errors {
+impl TorqueErrors {
     /// From (mean, maximum) of the errors and of the relative errors.
     fn of(errors: Option<(f64, f64)>, relative: Option<(f64, f64)>) -> Option<Self> {
         let (avg_error, max_error) = errors?;
@@ -108,13 +108,13 @@ impl ErrorSum {
     }
 
     /// The four error figures; `None` without a frame.
-    pub fn errors(&self) -> Option<Errors> {
-        Errors::of(self.error.figures(), self.relative.figures())
+    pub fn errors(&self) -> Option<TorqueErrors> {
+        TorqueErrors::of(self.error.figures(), self.relative.figures())
     }
 
     /// The four error figures of predicting zero torque; `None` without a frame.
-    pub fn zero(&self) -> Option<Errors> {
-        Errors::of(self.size.figures(), self.relative.figures().map(|_| (1.0, 1.0)))
+    pub fn zero(&self) -> Option<TorqueErrors> {
+        TorqueErrors::of(self.size.figures(), self.relative.figures().map(|_| (1.0, 1.0)))
     }
 }
 

@@ -11,7 +11,7 @@
 //! larger weight, and follows the optimum while the weight is lowered.
 
 use nalgebra::{DMatrix, DVector, Matrix4};
-use palpate::unstable::BODY_PARAMETERS;
+use palpate::unstable::N_INERTIAL_PARAMETERS;
 
 /// Final weight of the barrier, in units of the log likelihood.
 const WEIGHT: f64 = 0.05;
@@ -30,12 +30,12 @@ fn pseudo_inertia(parameters: &[f64]) -> Matrix4<f64> {
 }
 
 /// Whether ten inertial parameters are physically possible.
-pub(super) fn is_possible(parameters: &[f64]) -> bool {
+pub(super) fn is_physically_consistent(parameters: &[f64]) -> bool {
     pseudo_inertia(parameters).cholesky().is_some()
 }
 
 /// Inertial parameters of a homogeneous ball.
-fn ball(mass: f64, radius: f64, center: [f64; 3]) -> [f64; BODY_PARAMETERS] {
+fn ball(mass: f64, radius: f64, center: [f64; 3]) -> [f64; N_INERTIAL_PARAMETERS] {
     let [x, y, z] = center;
     let own = 0.4 * mass * radius * radius;
     [
@@ -66,12 +66,14 @@ pub(super) fn nearest(
     // A URDF may have bodies without mass, or with impossible inertias: small balls are added until all are possible.
     let mut base = DVector::zeros(mean.len());
     base.rows_mut(0, n).copy_from(urdf);
-    for body in 0..n / BODY_PARAMETERS {
-        let at = BODY_PARAMETERS * body;
+    for body in 0..n / N_INERTIAL_PARAMETERS {
+        let at = N_INERTIAL_PARAMETERS * body;
         let (mass, square) = (scales[at], scales[at + 4] / scales[at]);
         let speck = ball(1e-4 * mass, square.sqrt(), [0.0; 3]);
         let mut more = 1.0;
-        while !is_possible(base.rows(at, BODY_PARAMETERS).as_slice()) && more < 1e6 {
+        while !is_physically_consistent(base.rows(at, N_INERTIAL_PARAMETERS).as_slice())
+            && more < 1e6
+        {
             for (k, part) in speck.iter().enumerate() {
                 base[at + k] = urdf[at + k] + more * part;
             }
@@ -79,10 +81,10 @@ pub(super) fn nearest(
         }
     }
     let mut now = DVector::zeros(mean.len());
-    now.rows_mut(n, BODY_PARAMETERS).copy_from_slice(&ball(0.05, 0.05, [0.0; 3]));
-    let units: Vec<Matrix4<f64>> = (0..BODY_PARAMETERS)
+    now.rows_mut(n, N_INERTIAL_PARAMETERS).copy_from_slice(&ball(0.05, 0.05, [0.0; 3]));
+    let units: Vec<Matrix4<f64>> = (0..N_INERTIAL_PARAMETERS)
         .map(|k| {
-            let mut unit = [0.0; BODY_PARAMETERS];
+            let mut unit = [0.0; N_INERTIAL_PARAMETERS];
             unit[k] = 1.0;
             pseudo_inertia(&unit)
         })
@@ -106,9 +108,9 @@ fn lower(
     (mean, precision, base): (&DVector<f64>, &DMatrix<f64>, &DVector<f64>),
     units: &[Matrix4<f64>],
 ) -> DVector<f64> {
-    let blocks = mean.len() / BODY_PARAMETERS;
+    let blocks = mean.len() / N_INERTIAL_PARAMETERS;
     let body = |at: &DVector<f64>, block: usize| {
-        let own = BODY_PARAMETERS * block..BODY_PARAMETERS * (block + 1);
+        let own = N_INERTIAL_PARAMETERS * block..N_INERTIAL_PARAMETERS * (block + 1);
         pseudo_inertia(&own.map(|k| base[k] + at[k]).collect::<Vec<_>>())
     };
     let cost = |at: &DVector<f64>| -> Option<f64> {
@@ -125,12 +127,12 @@ fn lower(
         let mut gradient = precision * (&now - mean);
         let mut hessian = precision.clone();
         for block in 0..blocks {
-            let at = BODY_PARAMETERS * block;
+            let at = N_INERTIAL_PARAMETERS * block;
             let Some(inverse) = body(&now, block).try_inverse() else { return now };
             let turned: Vec<Matrix4<f64>> = units.iter().map(|unit| inverse * unit).collect();
-            for a in 0..BODY_PARAMETERS {
+            for a in 0..N_INERTIAL_PARAMETERS {
                 gradient[at + a] -= weight * turned[a].trace();
-                for b in 0..BODY_PARAMETERS {
+                for b in 0..N_INERTIAL_PARAMETERS {
                     hessian[(at + a, at + b)] += weight * (turned[a] * turned[b]).trace();
                 }
             }
@@ -186,8 +188,8 @@ mod tests {
         let found = nearest(&mean, &(DMatrix::identity(20, 20) * 1e4), &urdf, &scales);
         let whole = &urdf + found.rows(0, 10);
         assert!(
-            is_possible(whole.as_slice())
-                && is_possible(found.rows(10, 10).into_owned().as_slice())
+            is_physically_consistent(whole.as_slice())
+                && is_physically_consistent(found.rows(10, 10).into_owned().as_slice())
         );
         assert!(whole[0] > 0.0 && whole[0] < 0.1, "{whole}");
     }

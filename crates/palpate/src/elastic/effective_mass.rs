@@ -1,5 +1,5 @@
-//! Mobility of a segment: the acceleration of its centre under a unit force. It follows from the masses of all segments
-//! of the tree; springs are neglected.
+//! Inverse effective mass of a segment: the acceleration of its centre under a unit force. It follows from the masses of all
+//! segments of the tree; springs are neglected.
 
 use std::f64::consts::{FRAC_PI_4, PI};
 
@@ -18,10 +18,10 @@ const MOVED_M: f64 = 0.05;
 /// Inertia added to each joint, kg·m²: otherwise thin rods would turn about their own axis too easily.
 const INERTIA: f64 = 1e-7;
 
-/// Mobility by segment, 1/kg, mean over three directions.
-pub(super) fn mobilities(segments: &[Segment]) -> Vec<f64> {
+/// Inverse effective mass of each segment, 1/kg, mean over three directions.
+pub(super) fn inverse_effective_masses(segments: &[Segment]) -> Vec<f64> {
     let at_rest: Vec<Node> = segments.iter().map(|segment| node(segment, segments)).collect();
-    let mobility = |index: usize| {
+    let inverse_mass = |index: usize| {
         if segments[index].kind == SegmentKind::Block {
             return 1.0 / mass_kg(&segments[index]);
         }
@@ -33,7 +33,7 @@ pub(super) fn mobilities(segments: &[Segment]) -> Vec<f64> {
         };
         (0..3).map(along).sum::<f64>() / 3.0
     };
-    (0..segments.len()).map(mobility).collect()
+    (0..segments.len()).map(inverse_mass).collect()
 }
 
 /// A segment with masses in place of stiffness: half of its mass at each of two points, so that the
@@ -71,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rod_on_a_joint_has_the_mobility_of_a_pendulum() {
+    fn a_rod_on_a_joint_has_the_effective_mass_of_a_pendulum() {
         let rod = Segment {
             parent: None,
             kind: SegmentKind::Wood,
@@ -86,7 +86,7 @@ mod tests {
         // Across in two directions, (L / 2)² over m L² / 3; along it the joint holds.
         let kg = 700.0 * PI * 0.01 * 0.01 * 0.2;
         let wanted = 2.0 / 3.0 * 0.75 / kg;
-        let found = mobilities(&[rod])[0];
+        let found = inverse_effective_masses(&[rod])[0];
         assert!((found / wanted - 1.0).abs() < 1e-3, "{found} and {wanted} per kg");
     }
 }

@@ -4,7 +4,7 @@
 use palpate::JointFriction;
 use rayon::prelude::*;
 
-use super::{BIAS, FRICTION, MOST_UNKNOWN, Row, Rows, SLOPES};
+use super::{BIAS, FRICTION, MAX_UNKNOWN, Row, Rows, SLOPES};
 use crate::identify::posterior::Posterior;
 
 /// Presliding distances, rad, and Stribeck speeds, rad/s, that are tried.
@@ -15,12 +15,12 @@ const NEAR: [f64; 6] = [0.7, 0.85, 0.95, 1.05, 1.2, 1.4];
 
 /// Friction of a joint at reversals: presliding distance, rad, and Stribeck speed, rad/s.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::identify) struct Turning {
+pub(in crate::identify) struct FrictionReversal {
     pub(in crate::identify) presliding: f64,
     pub(in crate::identify) stribeck: f64,
 }
 
-impl Turning {
+impl FrictionReversal {
     /// Whether the presliding distances differ by at most a factor of 1.5, or are both tiny.
     pub(in crate::identify) fn is_near(&self, other: &Self) -> bool {
         let [least, most] = [f64::min, f64::max].map(|of| of(self.presliding, other.presliding));
@@ -30,7 +30,7 @@ impl Turning {
 
 impl Rows {
     /// Presliding distance and Stribeck speed of each joint that explain most of the residual of the rest of the model.
-    pub(in crate::identify) fn best_turning(&self, posterior: &Posterior) -> Vec<Turning> {
+    pub(in crate::identify) fn best_turning(&self, posterior: &Posterior) -> Vec<FrictionReversal> {
         (0..self.n_joints)
             .into_par_iter()
             .map(|j| {
@@ -50,7 +50,7 @@ impl Rows {
                     let states = self.states(&left, j, *presliding);
                     let costs = STRIBECK.map(|stribeck| {
                         let cost = self.cost(&left, (&states, j), stribeck);
-                        (cost, Turning { presliding: *presliding, stribeck })
+                        (cost, FrictionReversal { presliding: *presliding, stribeck })
                     });
                     costs.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).expect("there are some")
                 });
@@ -67,7 +67,7 @@ impl Rows {
         let at = |row: &Row| {
             let states = (&states[row.touch][..], presliding);
             let state = self.motions[row.touch].friction_at(row.time_s, j, states);
-            (state.unknown() <= MOST_UNKNOWN).then(|| state.middle())
+            (state.unknown() <= MAX_UNKNOWN).then(|| state.middle())
         };
         rows.iter().map(|(row, _)| at(row)).collect()
     }

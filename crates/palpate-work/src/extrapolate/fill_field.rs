@@ -3,14 +3,14 @@
 use std::collections::HashMap;
 
 use palpate::{CellId, EstimatorKind};
-use palpate_io::field::Saved;
+use palpate_io::field::SavedField;
 
 /// Adds untouched cells to a field, each with its expected stiffness, N/m.
 ///
 /// Touched cells keep their learnt stiffness. The snapshot gets the new cells, too, so that a mapper that continues has
 /// the same prior means.
-pub fn filled(mut saved: Saved, expected: &[(CellId, f64)]) -> Saved {
-    let Saved { field, snapshot, prior_n_per_m, .. } = &mut saved;
+pub fn filled(mut saved: SavedField, expected: &[(CellId, f64)]) -> SavedField {
+    let SavedField { field, snapshot, prior_n_per_m, .. } = &mut saved;
     // Bands were calibrated on other predictions.
     field.calibration = None;
     snapshot.iter_mut().for_each(|snapshot| snapshot.calibration = None);

@@ -8,13 +8,13 @@ use crate::settings::corners;
 
 /// Number of points that the arm touches, frame by frame.
 #[derive(Debug, Clone, Default)]
-pub struct Touched {
+pub struct ContactCounts {
     frames: u64,
     /// Number of touched points in each frame with contact.
     contacts: Vec<usize>,
 }
 
-/// The figures of [`Touched`].
+/// The figures of [`ContactCounts`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct TouchedFigures {
     /// Number of frames in the log.
@@ -27,7 +27,7 @@ pub struct TouchedFigures {
     pub cells_touched: usize,
 }
 
-impl Touched {
+impl ContactCounts {
     /// Adds a frame with its number of touched points.
     pub fn add(&mut self, contacts: usize) {
         self.frames += 1;
@@ -78,7 +78,7 @@ impl Touched {
     }
 }
 
-impl FromIterator<usize> for Touched {
+impl FromIterator<usize> for ContactCounts {
     fn from_iter<I: IntoIterator<Item = usize>>(contacts: I) -> Self {
         let mut touched = Self::default();
         contacts.into_iter().for_each(|contacts| touched.add(contacts));
