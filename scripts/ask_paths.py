@@ -56,9 +56,9 @@ def main():
     parser.add_argument("set", type=Path)
     parser.add_argument("--points", type=int, default=200)
     parser.add_argument("--times", type=int, default=9, help="questions about each path")
-    parser.add_argument("--pause", type=float, default=0.1, help="between two questions, s")
-    parser.add_argument("--f64", action="store_true", help="numbers as base64, not as lists")
-    parser.add_argument("--exact", action="store_true", help="every spring at every point")
+    parser.add_argument("--pause", type=float, default=0.1, help="pause between two questions, s")
+    parser.add_argument("--f64", action="store_true", help="send numbers as base64, not as lists")
+    parser.add_argument("--exact", action="store_true", help="use every spring at every point")
     args = parser.parse_args()
 
     asker = socket.socket(socket.AF_UNIX)

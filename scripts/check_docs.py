@@ -67,7 +67,7 @@ def check_links(files, kind):
                     not there.fragment or other is None or unquote(there.fragment) in other.anchors
                 )
             if not fine:
-                wrong.append(f"{path}: the link `{link}` leads nowhere")
+                wrong.append(f"{path}: the link `{link}` has no target")
     return sum(len(page.links) for page in read.values())
 
 

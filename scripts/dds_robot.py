@@ -384,10 +384,10 @@ def arguments():
         action="store_true",
         help="play on until every topic of palpate was received, and with --guard the flag was raised",
     )
-    parser.add_argument("--break", dest="broken", default="", help="what is wrong: see `spoil`")
-    parser.add_argument("--guard", type=float, help="a limit, N·m, to time the flag against")
-    parser.add_argument("--identified", action="store_true", help="the arm was identified: see IDENTIFIED")
-    parser.add_argument("--another-type", action="store_true", help="publish only that, on the same topic")
+    parser.add_argument("--break", dest="broken", default="", help="fault of the messages: see `spoil`")
+    parser.add_argument("--guard", type=float, help="limit of the guard, N·m, to measure the time until the flag")
+    parser.add_argument("--identified", action="store_true", help="palpate runs with an identified arm: see IDENTIFIED")
+    parser.add_argument("--another-type", action="store_true", help="publish only another type, on the same topic")
     parser.add_argument("--description", type=Path, help="a URDF to keep on /robot_description")
     parser.add_argument("--tare", action="store_true", help="call the service, and play on until it answers")
     parser.add_argument("--call", metavar="NODE", help="call every service of this node, and play on until all answer")

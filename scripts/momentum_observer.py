@@ -295,7 +295,7 @@ def main():
     parser.add_argument("--robot", default=GEN3, help="URDF whose moving joints are one chain")
     parser.add_argument("--torque-sign", choices=["plus", "minus"], default="plus")
     parser.add_argument("--velocity-cutoff-hz", type=float, default=VELOCITY_CUTOFF_HZ)
-    parser.add_argument("--tare-s", type=float, default=0.0, help="still start whose mean counts as zero")
+    parser.add_argument("--tare-s", type=float, default=0.0, help="start at rest whose mean torque is the tare, s")
     args = parser.parse_args()
     compare(args) if comparing else estimate(args)
 

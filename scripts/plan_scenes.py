@@ -186,14 +186,14 @@ def main():
     parser.add_argument("--names", nargs="+", default=SETS)
     parser.add_argument("--scenes", type=int, default=10)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--bodies", type=Path, help="of fields with elastic bodies, made if missing (default: in DIR)")
-    parser.add_argument("--seconds", type=float, default=40.0, help="of planning")
+    parser.add_argument("--bodies", type=Path, help="folder of fields with elastic bodies, made if missing (default: OUT/bodies)")
+    parser.add_argument("--seconds", type=float, default=40.0, help="time for planning, s")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     args.bodies = args.bodies or args.out / "bodies"
-    print(f"true and predicted peaks of {', '.join(NAMES)}, N·m; whether `avoiding` touches seen points, by plan;")
-    print("of `planned`: goal reached, seconds of planning, frames in contact")
+    print(f"largest torque, true (and predicted), of {', '.join(NAMES)}, N·m; contact of `avoiding` with seen points;")
+    print("then of `planned`: goal reached, time of planning, frames in contact")
     rows = []
     for number in range(args.scenes):
         name = args.names[number % len(args.names)]
@@ -212,7 +212,7 @@ def main():
     for name in NAMES:
         ratio = np.median([row[name]["peak"] / row["straight"]["peak"] for row in rows])
         reached = sum(row[name]["reached"] for row in rows)
-        print(f"{name:9} true peak / straight's {ratio:.2f} in the median; reached {reached} of {len(rows)}")
+        print(f"{name:9} true peak over that of straight, median: {ratio:.2f}; goal reached: {reached} of {len(rows)}")
 
 
 if __name__ == "__main__":

@@ -166,8 +166,8 @@ def plot(rows):
     panels = [
         panel(rows, ["palpate_mib", "network_mib"], "resident memory, MiB", 0),
         panel(rows, ["median_ms", "p99_ms"], "sample to prediction, ms (log)", 230, logarithmic=True),
-        panel(rows, list(LOSSES), "samples or messages that were left out, so far", 460),
-        panel(rows, ["rate_hz"], "samples a second; below: minutes", 690),
+        panel(rows, list(LOSSES), "samples and messages dropped so far", 460),
+        panel(rows, ["rate_hz"], "samples per second; below: time, min", 690),
     ]
     return f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 820 920" font-family="sans-serif" font-size="12"><rect width="820" height="920" fill="white"/>{"".join(panels)}</svg>'
 
@@ -178,7 +178,7 @@ def main():
     parser.add_argument("set", type=Path)
     parser.add_argument("--minutes", type=float, default=60)
     parser.add_argument("--rate", type=float, default=1000)
-    parser.add_argument("--restart", type=float, default=300, help="how long a publisher lives, s")
+    parser.add_argument("--restart", type=float, default=300, help="time after which the publisher is restarted, s")
     parser.add_argument("--out", type=Path, default=Path("soak"))
     parser.add_argument("--domain", type=int, default=60)
     parser.add_argument("--viewer", help="address of a Rerun viewer to send to")

@@ -148,12 +148,12 @@ class Map:
         elsewhere = bench.saved_elsewhere(said)
         if elsewhere is not None:
             if elsewhere.read_bytes() != self.whole:
-                bench.fault(f"{name}: the field elsewhere is another")
+                bench.fault(f"{name}: the field saved elsewhere differs")
             elsewhere.unlink()
         elif code == 1 and not said.startswith("error") and "\nerror" not in said:
             bench.fault(f"{name}: no reason is given: {said!r}")
         elif code == 0 and way != "gone" and self.field.read_bytes() != self.whole:
-            bench.fault(f"{name}: it succeeds with another field")
+            bench.fault(f"{name}: exit code 0, but the field differs")
         elif code == 1 and "there is no folder" not in said and way in ("full", "gone") and "elsewhere" not in said:
             bench.fault(f"{name}: the field is lost: {said!r}")
         if way != "gone":
@@ -166,7 +166,7 @@ class Map:
             self.bench.fault(f"{name}: left behind: {sorted(left)}")
         found = self.field.read_bytes() if self.field.exists() else None
         if found not in (before, self.whole):
-            self.bench.fault(f"{name}: a field that is neither the old one nor whole")
+            self.bench.fault(f"{name}: the field is neither the old one nor complete")
 
 
 class Evaluate:
@@ -202,7 +202,7 @@ class Evaluate:
         if code == 1 and (printed.splitlines()[:4] != self.table or "error: " not in said):
             bench.fault(f"{name}: the table is lost: {printed!r} {said!r}")
         if code == 0 and way != "gone" and self.found() != self.whole:
-            bench.fault(f"{name}: it succeeds with another report")
+            bench.fault(f"{name}: exit code 0, but the report differs")
         self.judge(set(self.found()), name)
         if list(bench.elsewhere.iterdir()):
             bench.fault(f"{name}: left elsewhere: {list(bench.elsewhere.iterdir())}")
@@ -215,7 +215,7 @@ class Evaluate:
         found = self.found()
         others = [path for path in names if not path.startswith("parts/part-") and found[path] != self.whole.get(path)]
         if others:
-            self.bench.fault(f"{name}: not whole, or left behind: {sorted(others)}")
+            self.bench.fault(f"{name}: incomplete, or left behind: {sorted(others)}")
 
 
 class Live:
@@ -265,7 +265,7 @@ class Live:
         figures = [(at, one) for at, one in objects if "mapped" in one]
         self.judge(way, name, code, said, figures, [one for _, one in objects if "frames_remembered" in one], struck)
         if any(Path(f"/proc/{child}").exists() for child in network) and not gone(network):
-            bench.fault(f"{name}: its network process lives on")
+            bench.fault(f"{name}: its network process still runs")
 
     def judge(self, way, name, code, said, figures, ends, struck):
         bench = self.bench
@@ -347,7 +347,7 @@ def run(args, folder):
                 bench.fault(f"{name} {way} {number}: {error}")
         if name == "live":
             scene.end()
-    print(f"exit codes, how often each; {bench.elsewheres} fields were saved elsewhere")
+    print(f"exit codes and how often each occurred; {bench.elsewheres} fields were saved elsewhere")
     print("| | " + " | ".join(WAYS) + " | faults |")
     for name in names:
         of_it = sum(fault.startswith(name) for fault in bench.faults)

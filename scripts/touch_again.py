@@ -214,11 +214,11 @@ def main():
     parser.add_argument("set", type=Path)
     parser.add_argument("paths", type=Path)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--shift", type=float, nargs=3, default=[0.0] * 3, metavar=("DX", "DY", "DZ"), help="m")
-    parser.add_argument("--turn", type=float, default=0.0, metavar="DEG", help="about the vertical through its base")
-    parser.add_argument("--without-branch", type=int, metavar="N", help="of a plant, from 0 at its foot")
-    parser.add_argument("--scale-stiffness", type=float, default=1.0, metavar="F", help="of all springs")
-    parser.add_argument("--noise-seed", type=int, default=0, help="of bias and noise")
+    parser.add_argument("--shift", type=float, nargs=3, default=[0.0] * 3, metavar=("DX", "DY", "DZ"), help="shift, m")
+    parser.add_argument("--turn", type=float, default=0.0, metavar="DEG", help="turn about the vertical through its base")
+    parser.add_argument("--without-branch", type=int, metavar="N", help="branch of a plant to remove, from 0 at its foot")
+    parser.add_argument("--scale-stiffness", type=float, default=1.0, metavar="F", help="factor on all springs")
+    parser.add_argument("--noise-seed", type=int, default=0, help="seed of bias and noise")
     parser.add_argument("--max-torque", type=float, metavar="N_M", help="external torque of a joint that ends a push")
     parser.add_argument("--compliant", action="store_true", help="PATHS are commands: the arm gives way under load")
     parser.add_argument("--touchsim", type=Path, default=TOUCHSIM, help="folder of gen.py")
@@ -232,7 +232,7 @@ def main():
     if not paths:
         sys.exit(f"{args.paths} has no seq_*/angles.npy")
     if change.without_branch is not None:
-        print(f"the plant has {player.n_branches} branches; number {change.without_branch} is taken away")
+        print(f"the plant has {player.n_branches} branches; number {change.without_branch} is removed")
 
     (args.out / "truth").mkdir(parents=True)
     touches = []

@@ -62,8 +62,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("recording")
     parser.add_argument("picture")
-    parser.add_argument("--across", type=float, default=0.7, help="the moment, as a part of all time")
-    parser.add_argument("--settle", type=float, default=60.0, help="s to wait before the picture")
+    parser.add_argument("--across", type=float, default=0.7, help="moment of the picture, as a share of the duration")
+    parser.add_argument("--settle", type=float, default=60.0, help="time to wait before the picture, s")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as settings, sync_playwright() as playwright:
         server, address = serve(asked.recording, settings)

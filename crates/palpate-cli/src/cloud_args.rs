@@ -57,14 +57,15 @@ impl CloudArgs {
         if clouds.is_empty() {
             if of_camera || self.crop_low_m.is_some() {
                 let unused =
-                    "--camera, --camera-pose and --crop-* are for a --cloud, which is not given";
+                    "--camera, --camera-pose and --crop-* need --cloud, which is not given";
                 return Err(CliError::Usage(unused.to_owned()));
             }
             return Ok((given.into_iter().map(Arc::new).collect(), None));
         }
         if clouds.len() > 1 && of_camera {
-            let ambiguous = "--camera and --camera-pose are of one picture, and there are several --cloud; \
-                             leave them out (palpate searches the cameras), or give folders that hold theirs";
+            let ambiguous = "--camera and --camera-pose describe one picture, but several --cloud are given; leave them \
+                             out (palpate then searches for the positions of the cameras), or give folders that \
+                             contain the file of their camera";
             return Err(CliError::Usage(ambiguous.to_owned()));
         }
         let seen = clouds.iter().map(|path| Ok((self.read(path, output)?, self.viewpoint(path)?)));
@@ -130,7 +131,9 @@ impl CloudArgs {
         let camera = self.camera_file(&folder)?;
         if !(self.depth_unit_m.is_finite() && self.depth_unit_m > 0.0) {
             let found = self.depth_unit_m;
-            return Err(CliError::Usage(format!("--depth-unit-m is {found}; wanted a length")));
+            return Err(CliError::Usage(format!(
+                "--depth-unit-m is {found}; wanted a length above 0"
+            )));
         }
         let (colour, depth) = (
             rgbd::read_colour(&colour).map_err(CliError::file)?,
@@ -203,7 +206,9 @@ impl CloudArgs {
 
 fn without_pose(camera: &Path) -> CliError {
     let camera = camera.display();
-    CliError::from(format!("`{camera}` does not say where the camera stands; give --camera-pose"))
+    CliError::from(format!(
+        "`{camera}` does not contain the pose of the camera; give --camera-pose"
+    ))
 }
 
 /// The folder with the images: `rgbd` in the given folder if it exists, else the given folder.

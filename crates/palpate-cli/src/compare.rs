@@ -63,14 +63,14 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if let Some(path) = &args.moved {
         match report.together.change {
             Change::Moved(motion) if motion.is_at_search_bound() => output.note(
-                "the motion lies on the border of what is searched, so no moved field is written",
+                "the motion that fits best is at the limit of the search, so no moved field is written",
             ),
             Change::Moved(motion) => {
                 let moved = SavedField::of_field(moved(&saved.field, motion), &saved.robot);
                 place::save(path, &moved)?;
             }
             _ => output.note(
-                "the touches together do not say that the object has moved, so no moved field is written",
+                "the touches together do not show that the object has moved, so no moved field is written",
             ),
         }
     }
@@ -95,9 +95,9 @@ fn text(report: &ComparisonReport) -> String {
         rows.push(row("together", &report.together));
     }
     format!(
-        "Contradiction: above 1 the touches do not fit the field. Errors are relative to predicting \
-         zero:\nof the field, of the torque measured in a touch of the field's memory along the same path, of the field's \
-         torques times\nthe best factor, and of the field after the best motion.\n\n{}",
+        "Contradiction: above 1 the touches do not fit the field. The other figures are errors relative to predicting \
+         zero:\nerror of the field; repeated: of the torque that a remembered touch measured along the same path; scaled: \
+         of the field's\ntorques times the best factor; moved: of the field after the best motion.\n\n{}",
         table(&header, rows)
     )
 }
@@ -110,7 +110,7 @@ fn change_in_words(comparison: &Comparison) -> String {
     });
     match comparison.change {
         Change::Unchanged => "unchanged".to_owned(),
-        Change::Unknown => "touches little that the field knows".to_owned(),
+        Change::Unknown => "unknown: the field knows too few of the touched cells".to_owned(),
         Change::Moved(motion) => {
             let ObjectMotion { shift_m: [x, y, z], turn_rad, .. } = motion;
             let least = if motion.is_at_search_bound() { "at least " } else { "" };
@@ -120,6 +120,6 @@ fn change_in_words(comparison: &Comparison) -> String {
         }
         Change::Softer { factor } => format!("softer, {factor:.2} times{place}"),
         Change::Harder { factor } => format!("harder, {factor:.2} times{place}"),
-        Change::Other => format!("another object, or changed otherwise{place}"),
+        Change::Other => format!("another object, or changed in another way{place}"),
     }
 }

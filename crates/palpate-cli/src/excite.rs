@@ -46,16 +46,16 @@ pub(crate) struct Args {
     #[arg(long, value_name = "HZ", value_parser = number_in(5.0..=2000.0, "a rate from 5 to 2000 Hz"))]
     rate_hz: Option<f64>,
     /// Largest speed of a joint, as a share of its limit [default: 0.5]
-    #[arg(long, value_name = "PART", value_parser = number_in(0.01..=1.0, "a part from 0.01 to 1"))]
+    #[arg(long, value_name = "PART", value_parser = number_in(0.01..=1.0, "a share from 0.01 to 1"))]
     speed: Option<f64>,
     /// Largest torque of a joint, as a share of its limit [default: 0.8]
-    #[arg(long, value_name = "PART", value_parser = number_in(0.01..=1.0, "a part from 0.01 to 1"))]
+    #[arg(long, value_name = "PART", value_parser = number_in(0.01..=1.0, "a share from 0.01 to 1"))]
     torque: Option<f64>,
     /// Height above which the arm stays, m in the base frame, or `none` [default: 0.05]
     #[arg(long, value_name = "M|none", allow_hyphen_values = true)]
     ground_m: Option<String>,
     /// Largest travel of a joint from its start position, rad or m [default: 1.2]
-    #[arg(long, value_name = "RAD", value_parser = number_in(0.01..=6.3, "a way from 0.01 to 6.3 rad"))]
+    #[arg(long, value_name = "RAD", value_parser = number_in(0.01..=6.3, "a travel from 0.01 to 6.3 rad"))]
     reach: Option<f64>,
     /// Slow the motion down by this factor, for a first try
     #[arg(long, value_name = "TIMES", default_value_t = 1.0, value_parser = number_in(1.0..=100.0, "a number from 1 to 100"))]
@@ -93,8 +93,8 @@ fn note_nearly_still(robot: &Robot, found: &Excitation, output: &Output) {
     let names: Vec<&str> = names.map(|(_, name)| name).collect();
     if !names.is_empty() {
         output.note(&format!(
-            "hardly moved, since limits, --reach, the ground or links close to each other leave no room around this start: {}; \
-             choose another start (--start) to move them",
+            "joints that hardly move, since their limits, --reach, the ground or links close to each other leave no room \
+             around this start: {}; choose another start (--start) to move them",
             names.join(", ")
         ));
     }
@@ -129,7 +129,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     config.rate_hz *= args.slow_down;
     if config.rate_hz * config.duration_s > MAX_POINTS {
         return Err(CliError::Usage(format!(
-            "--slow-down, --duration and --rate-hz together ask for more than {MAX_POINTS} points; make one of them smaller"
+            "--slow-down, --duration and --rate-hz together need more than {MAX_POINTS} points; make one of them smaller"
         )));
     }
     let bar = output.begin(Some(config.tries as u64), "motions", "trying");
@@ -155,7 +155,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     let file = args.output.display();
     let next = match args.slow_down > 1.0 {
-        true => "play it with a hand on the stop, then the same without --slow-down".to_owned(),
+        true => {
+            "play it with a hand on the emergency stop, then repeat without --slow-down".to_owned()
+        }
         false => format!("play it, log it, and palpate identify LOG{robot}"),
     };
     output.result(&format!("{}\nNext: {next}\n", summary(&found, &file)))
@@ -182,8 +184,9 @@ fn summary(found: &Excitation, file: &dyn Display) -> String {
             format!("smallest distance between links: {nearest_m:.2} m")
         });
     format!(
-        "{} points over {:.0} s are in `{file}`.\nCondition number {:.0} (of the first motion that kept to the limits: \
-         {:.0}); it takes {:.0} % of the joints' speed and at most {:.0} % of their torque. {lowest}; {nearest}.",
+        "{} points over {:.0} s are in `{file}`.\nCondition number {:.0} (of the first motion within the limits: \
+         {:.0}). The motion uses at most {:.0} % of the joints' speed limits and {:.0} % of their torque limits. {lowest}; \
+         {nearest}.",
         found.points.len(),
         found.times_s.last().copied().unwrap_or_default(),
         found.condition,

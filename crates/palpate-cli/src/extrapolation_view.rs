@@ -165,7 +165,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn colours_span_what_the_cloud_does_within_reason() {
+    fn the_colour_range_is_that_of_the_cloud_within_limits() {
         let mut example = Example::new(0, 700);
         let decades = |example: &Example| {
             let [low, high] = example.seen().colour_range_n_per_m();

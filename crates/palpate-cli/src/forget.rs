@@ -49,7 +49,7 @@ pub(crate) struct Args {
     #[arg(
         long = "box", num_args = 6, group = "which", allow_negative_numbers = true,
         value_names = ["X", "Y", "Z", "X", "Y", "Z"],
-        value_parser = number_in(f64::MIN..=f64::MAX, "a finite number of m")
+        value_parser = number_in(f64::MIN..=f64::MAX, "a finite coordinate, m")
     )]
     touched_box: Option<Vec<f64>>,
     /// Print what was forgotten as JSON

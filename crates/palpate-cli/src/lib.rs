@@ -86,7 +86,7 @@ fn run(command: &Command, output: &Output) -> Result<(), CliError> {
         Command::Live(args) => live::run(args, output),
         #[cfg(feature = "full")]
         Command::LiveNetwork => palpate_live::ros::run_network().map_err(|error| {
-            CliError::from(format!("`palpate live` runs this command, nobody else: {error}"))
+            CliError::from(format!("this command can only be started by `palpate live`: {error}"))
         }),
         Command::Predict(args) => predict::run(args, output),
         Command::Compare(args) => compare::run(args, output),

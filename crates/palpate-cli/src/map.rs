@@ -134,7 +134,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let started = Instant::now();
     if args.prior.is_some() && args.from.is_some() {
         return Err(CliError::Usage(
-            "--prior and --from exclude each other: the field to go on from has its prior already; \
+            "--prior and --from exclude each other: the field to continue from already has its prior; \
              leave out --prior, or leave out --from to start a new field"
                 .to_owned(),
         ));
@@ -197,7 +197,7 @@ fn calibrated_on(calibration: Option<&Calibration>) -> String {
         Some(own) => {
             let highest = 100.0 * own.highest_level();
             let on = match own.of_other_objects {
-                true => "as other objects have them".to_owned(),
+                true => "calibrated on other objects".to_owned(),
                 false => format!("calibrated on {} touches", own.touches),
             };
             format!("up to {highest:.0} %, {on}")
@@ -235,7 +235,7 @@ fn begin(
                     "there is nothing to learn: `{name}` holds no touches for an elastic body; give LOGs"
                 )));
             }
-            resume::mapper(&name, arm, snapshot)?
+            resume::mapper(&name, arm, snapshot, output)?
         }
         None => {
             let (mut config, mut calibration) = (settings.config()?, None);
@@ -333,7 +333,7 @@ impl Summary<'_> {
             ("touches", tally.touches.len().to_string()),
             ("frames", tally.total(|touch| touch.frames).to_string()),
             ("of them for the tare", tally.total(|touch| touch.tare_frames).to_string()),
-            ("contacts (median where any)", tally.contacts_median().to_string()),
+            ("contacts (median in contact)", tally.contacts_median().to_string()),
             ("cells touched", self.cells.touched.to_string()),
         ];
         if self.cells.expected > 0 {
@@ -364,7 +364,7 @@ impl Summary<'_> {
         if let (Some(errors), Some(zero)) = (before.errors, before.zero) {
             let [map, zero] = [errors, zero].map(|errors| errors.avg_error);
             let error = format!("{map:.3} N·m on average (predicting zero: {zero:.3} N·m)");
-            found.push(("error before learning a frame", error));
+            found.push(("error of frames before they are learnt", error));
         }
         let mut text = format!("The field is in `{}`.\n", self.args.output.display());
         text += &rows(&found);

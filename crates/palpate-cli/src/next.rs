@@ -53,7 +53,7 @@ pub(crate) struct Args {
     #[arg(
         long = "box", id = "task_box", num_args = 6, allow_negative_numbers = true,
         value_names = ["X", "Y", "Z", "X", "Y", "Z"],
-        value_parser = number_in(f64::MIN..=f64::MAX, "a finite number of m")
+        value_parser = number_in(f64::MIN..=f64::MAX, "a finite coordinate, m")
     )]
     task_box: Option<Vec<f64>>,
     /// Criterion by which motions are ranked [default: variance]
@@ -126,7 +126,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             Some(best) => write(path, &candidates[best.candidate], &arm)?,
             None => {
                 return Err(CliError::from(
-                    "no motion can be proposed, so none is written".to_owned(),
+                    "no motion can be proposed, so nothing was written".to_owned(),
                 ));
             }
         }
@@ -166,8 +166,8 @@ fn text(found: &Proposals) -> String {
         ]
     });
     format!(
-        "Motions by what they would teach, each after those before it. Left: variance of the task.\nUnknown: share of \
-         what it touches that the field does not know. Torques are the largest of a joint.\n\n{}{}",
+        "Motions ranked by what they would teach, each given the ones above it. Left: remaining variance of the task.\n\
+         Unknown: share of its touched cells that the field does not know. Torques: the largest at a joint.\n\n{}{}",
         table(&header, rows.collect::<Vec<_>>()),
         left_out(found)
     )
@@ -179,7 +179,7 @@ fn left_out(found: &Proposals) -> String {
     if !found.beyond_limit.is_empty() {
         let each = found.beyond_limit.iter();
         let each = each.map(|own| format!("{} ({:.1} N·m)", own.name, own.with_band_n_m));
-        text += &format!("Beyond the limit: {}.\n", each.collect::<Vec<_>>().join(", "));
+        text += &format!("Torque above --limit: {}.\n", each.collect::<Vec<_>>().join(", "));
     }
     if !found.beyond_joint_limits.is_empty() {
         let each = found.beyond_joint_limits.iter().map(|own| {
@@ -189,7 +189,7 @@ fn left_out(found: &Proposals) -> String {
         text += &format!("Beyond joint limits: {}.\n", each.collect::<Vec<_>>().join(", "));
     }
     if !found.touch_nothing.is_empty() {
-        text += &format!("They touch nothing: {}.\n", found.touch_nothing.join(", "));
+        text += &format!("Without contact: {}.\n", found.touch_nothing.join(", "));
     }
     text
 }

@@ -64,7 +64,7 @@ impl ObjectArgs {
     /// mapping continues from a `field`, which may contain a body.
     pub(crate) fn select(&self, settings: &mut Settings, field: bool) -> Result<(), CliError> {
         if !self.clouds.is_empty() && self.body.is_some() {
-            let both = "--cloud and --body both say what the body is; leave one of them out";
+            let both = "--cloud and --body both define the elastic body; leave one of them out";
             return Err(CliError::Usage(both.to_owned()));
         }
         let estimator = &mut settings.estimator.estimator;
@@ -75,8 +75,8 @@ impl ObjectArgs {
             }
             Some(other) if self.is_given() && other != EstimatorKind::Elastic => {
                 return Err(CliError::Usage(format!(
-                    "--cloud and --body are for the estimator elastic, and --estimator is {}; leave one \
-                     of them out",
+                    "--cloud and --body are for the estimator elastic, but --estimator is {}; leave out \
+                     --estimator, or --cloud and --body",
                     other.name()
                 )));
             }

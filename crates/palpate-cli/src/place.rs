@@ -79,11 +79,11 @@ impl Places {
         let Some(place) = resolved(path) else { return Ok(()) };
         if let Some((other, _)) = self.taken.iter().find(|(_, taken)| *taken == place) {
             return Err(CliError::Usage(format!(
-                "{role} would go to `{}`, which is {other}; give it a place of its own",
+                "{role} would be written to `{}`, which is {other}; choose another file for it",
                 path.display()
             )));
         }
-        self.taken.push((format!("also the place of {role}"), place));
+        self.taken.push((format!("also the file of {role}"), place));
         Ok(())
     }
 }
@@ -143,7 +143,7 @@ pub(crate) fn format_of<T: Copy>(
             endings = format!("{others} or {last}");
         }
         CliError::Usage(format!(
-            "`{}` does not say how the {what} is to be written; end its name with {endings}",
+            "the ending of `{}` does not select a format for the {what}; end the name with {endings}",
             path.display()
         ))
     })

@@ -221,11 +221,12 @@ fn text(studied: &[Studied], relative: &[Vec<Option<f64>>], chosen: &[Option<usi
     let mut text =
         "Mean relative error of touches that were not learnt; predicting zero: 1.00\n\n".to_owned();
     text += &table(&head, rows);
-    text += "\nUnder the given settings\n\n";
+    text += "\nUnder the given settings, by frames. Loading: the torque grows; met: other touches touched at \
+             least half\nof the points in contact\n\n";
     text += &parts(studied);
     let longest = studied.iter().map(|object| object.scores.by_touches_learnt.len()).max();
     if longest.is_some_and(|longest| longest > 0) {
-        text += "\nBy touches learnt, under the given settings\n\n";
+        text += "\nBy number of touches learnt, under the given settings\n\n";
         text += &curves(studied);
     }
     text

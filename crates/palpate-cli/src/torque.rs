@@ -101,8 +101,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let (threshold, from) = threshold(&model, free.as_deref(), per_hour)?;
     if args.bandwidth_hz.is_some() && from == ThresholdSource::Identification {
         output.warn(
-            "the threshold was found on torques that were not filtered, so filtered ones pass it less often than \
-             --false-alarms says; give --free to find it on filtered ones",
+            "the contact threshold was determined on unfiltered torques, so filtered torques cause fewer false alarms \
+             than --false-alarms; give --free to determine it on filtered torques",
         );
     }
     warn_if_always_touched(&found, (threshold, from), output);
@@ -261,5 +261,5 @@ fn text(
     });
     let unit = if contacts[0].time_s.is_some() { "s" } else { "sample" };
     let (from, to) = (format!("from {unit}"), format!("to {unit}"));
-    text + "\n" + &table(&["touched in", &from, &to, "largest N·m"], rows)
+    text + "\n" + &table(&["contact in", &from, &to, "largest N·m"], rows)
 }

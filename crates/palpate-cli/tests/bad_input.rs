@@ -93,7 +93,7 @@ fn a_file_that_is_no_robot_is_named() {
     refuse_robot(
         r#"<box size="0.4 0.06 0.06"/>"#,
         r#"<mesh filename="meshes/upper.stl"/>"#,
-        &["link `upper`", "meshes/upper.stl", "not there"],
+        &["link `upper`", "meshes/upper.stl", "not found"],
     );
     let scene = Scene::new();
     let mut command = scene.map(&["log"], &[]);
@@ -131,7 +131,7 @@ fn a_misspelt_key_of_a_settings_file_is_reported_with_its_line() {
 }
 
 #[test]
-fn a_place_that_cannot_be_written_is_refused_before_any_work() {
+fn an_output_that_cannot_be_written_is_refused_before_any_work() {
     let scene = Scene::new();
     let file = scene.text("tiny.urdf/field.npz");
     refuse(&mut scene.map(&["log"], &["-o", &file]), 1, &["tiny.urdf"]);
@@ -172,7 +172,7 @@ fn a_file_that_is_no_field_is_refused() {
 }
 
 #[test]
-fn asking_for_a_truth_that_is_not_there_names_the_touch() {
+fn a_missing_truth_is_refused_with_the_name_of_the_touch() {
     let scene = Scene::new();
     succeed(&mut scene.map(&["log"], &[]));
     refuse(&mut scene.predict(&["log"], &["--truth"]), 1, &["seq_0", "--truth"]);
@@ -180,7 +180,7 @@ fn asking_for_a_truth_that_is_not_there_names_the_touch() {
 }
 
 #[test]
-fn a_closed_pipe_is_no_error_and_a_full_one_is() {
+fn a_closed_pipe_is_no_error_and_a_full_device_is() {
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
     let output = palpate().arg("settings").stdout(writer).output().unwrap();
@@ -194,7 +194,7 @@ fn a_closed_pipe_is_no_error_and_a_full_one_is() {
 }
 
 #[test]
-fn coordinates_beyond_a_kilometre_are_refused_as_other_units() {
+fn coordinates_beyond_a_kilometre_are_refused_as_a_wrong_unit() {
     let far = ["--box-low-m", "1500,0,0", "--box-high-m", "1500.2,0.2,0.2"];
     refuse_settings(&far, 2, &["1500", "1000 m", "millimetres"]);
     refuse_robot(r#"xyz="0.4 0 0""#, r#"xyz="4000 0 0""#, &["elbow", "4000", "millimetres"]);
@@ -206,7 +206,7 @@ fn coordinates_beyond_a_kilometre_are_refused_as_other_units() {
 }
 
 #[test]
-fn what_wants_more_memory_than_allowed_is_refused_by_name_and_read_if_more_is_allowed() {
+fn a_file_beyond_the_memory_limit_is_refused_and_read_with_a_larger_limit() {
     let scene = Scene::new();
     scene.touch("log/long", 60_000, 0.0);
     succeed(&mut scene.map(&["log/long"], &["--replays", "0"]));

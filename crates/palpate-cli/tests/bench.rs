@@ -101,7 +101,7 @@ fn answers_about_paths_are_timed_and_compared_with_exact_ones() {
     let mut asked = bench(&scene, &["log"], &["--touches", "1"]);
     asked.arg("--answers").arg(&log);
     let text = succeed(&mut asked);
-    for words in ["paths of 200 points: 2 whole", "their 2 pushes", "answer about a push", "std"] {
+    for words in ["paths of 200 points: 2 whole", "their 2 pushes", "prediction of a push", "std"] {
         assert!(text.contains(words), "{words}: {text}");
     }
     let answers = &json(asked.arg("--json"))["answers"];

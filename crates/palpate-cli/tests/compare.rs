@@ -107,12 +107,12 @@ fn the_motion_that_is_most_like_the_task_is_proposed_and_written() {
     assert!((same - left(0)).abs() < 1e-6, "{again}");
     let text = succeed(&mut next(&["--limit", "0.001"]));
     assert!(
-        text.contains("Beyond the limit: far") || text.contains("Beyond the limit: near"),
+        text.contains("Torque above --limit: far") || text.contains("Torque above --limit: near"),
         "{text}"
     );
     refuse(&mut next(&["--task", &scene.text("nothing")]), 1, &["nothing"]);
     let nan = ["--box", "nan", "0", "0", "1", "1", "1"];
-    refuse(&mut next(&nan), 2, &["a finite number of m"]);
+    refuse(&mut next(&nan), 2, &["a finite coordinate, m"]);
     // An elbow with smaller joint limits.
     let urdf = fs::read_to_string(scene.path("tiny.urdf")).unwrap();
     let (before, elbow) = urdf.split_at(urdf.find("<joint name=\"elbow\"").unwrap());

@@ -31,7 +31,7 @@ fn beginning(scene: &Scene, touch: &str, samples: usize) -> String {
 }
 
 #[test]
-fn a_field_with_a_body_predicts_what_evaluate_says_and_goes_on_as_if_learnt_at_once() {
+fn a_field_with_a_body_predicts_as_evaluate_does_and_continues_as_if_learnt_at_once() {
     let scene = Scene::new();
     let [a, b, c] = ["seq_000", "seq_001", "seq_002"].map(|name| beginning(&scene, name, 220));
     let cloud = bundled("object.ply");

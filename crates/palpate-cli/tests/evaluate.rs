@@ -74,7 +74,7 @@ fn bands_are_tested_on_touches_that_they_were_not_calibrated_on() {
         &["--methods", "map,zero", "-o", &scene.text("out/f")],
     ));
     assert!(text.contains("Bands of map (90 %): they contain"), "{text}");
-    assert!(text.contains("Bands as other objects have them would contain"), "{text}");
+    assert!(text.contains("Bands calibrated on other objects would contain"), "{text}");
 }
 
 #[test]
@@ -128,7 +128,7 @@ fn the_table_has_a_row_for_each_method_and_names_the_report() {
 }
 
 #[test]
-fn the_folder_of_results_holds_a_page_of_its_own_and_every_number() {
+fn the_folder_of_results_has_a_self_contained_page_and_all_numbers() {
     let scene = three();
     let methods = ["--methods", "map,mlp,gp,zero"];
     succeed(&mut evaluate(&scene, &["log"], &methods));
@@ -190,7 +190,7 @@ fn impossible_divisions_are_refused_with_a_remedy() {
     let refuse = |more: &[&str], words: &[&str]| refuse_all(&scene, &["log"], more, 2, words);
     refuse(&["--folds", "4"], &["--folds is 4", "only 3 touches", "3 is leave-one-touch-out"]);
     refuse(&["--folds", "1"], &["--folds", "'1'"]);
-    refuse(&["--test", "seq_9"], &["`seq_9`", "none of seq_0, seq_1, seq_2"]);
+    refuse(&["--test", "seq_9"], &["`seq_9`", "their touches are seq_0, seq_1, seq_2"]);
     refuse(&["--test", "seq_0,seq_1,seq_2"], &["every touch", "none is left to learn from"]);
     refuse(&["--test", "seq_0", "--folds", "2"], &["--test", "--folds"]);
     refuse(&["--methods", "map,svm"], &["svm", "map, ekf, mlp, gp, knn, uniform, zero"]);
@@ -350,7 +350,7 @@ fn a_torque_that_is_no_number_is_reported_with_its_sample() {
 }
 
 #[test]
-fn quiet_means_nothing_but_the_result_and_what_looks_wrong() {
+fn quiet_prints_only_the_result_and_warnings() {
     let scene = Scene::new();
     let quiet = |scene: &Scene| {
         let output = evaluate(scene, &["log"], &["--quiet"]).output().unwrap();
@@ -379,7 +379,7 @@ fn a_folder_that_cannot_be_made_is_refused_before_any_work() {
 }
 
 #[test]
-fn a_bad_log_leaves_no_folder_and_takes_none_away() {
+fn a_bad_log_leaves_no_new_folder_and_removes_no_old_one() {
     let scene = Scene::new();
     let nowhere = |place: &str| {
         let output = scene.text(place);
@@ -412,7 +412,7 @@ fn the_table_is_printed_even_if_the_report_cannot_be_written() {
 }
 
 #[test]
-fn a_folder_of_the_users_own_called_parts_stays() {
+fn a_folder_parts_of_the_user_is_not_removed() {
     let scene = Scene::new();
     fs::create_dir_all(scene.path("out/e/parts")).unwrap();
     let own = ["part-map-0.json", "part-map-1.json", "bolt.step", "part-of-mine.json"];
@@ -422,7 +422,7 @@ fn a_folder_of_the_users_own_called_parts_stays() {
     let methods = ["--json", "--methods", "knn,zero"];
     let beside = evaluate(&scene, &["log"], &methods).output().unwrap();
     assert!(beside.status.success(), "{}", stderr(&beside));
-    assert!(!stderr(&beside).contains("were done before"), "{}", stderr(&beside));
+    assert!(!stderr(&beside).contains("were computed before"), "{}", stderr(&beside));
     assert_eq!(names(&scene.path("out/e/parts")), {
         let mut own = own;
         own.sort_unstable();
@@ -467,7 +467,7 @@ mod broken_off {
     }
 
     #[test]
-    fn the_same_command_goes_on_and_ends_as_if_it_had_never_stopped() {
+    fn the_same_command_continues_and_has_the_result_of_an_uninterrupted_one() {
         let scene = three();
         scene.touch("log/seq_3", 400, -0.2);
         let long = |place: &str| {
@@ -476,7 +476,7 @@ mod broken_off {
         };
         let (kept, code, said) = press(&mut long("out/broken"), &scene.path("out/broken/parts"));
         assert_eq!(code, Some(130), "{said}");
-        assert!(said.contains("error: interrupted; what is done is kept in"), "{said}");
+        assert!(said.contains("error: interrupted; finished parts are in"), "{said}");
         assert!((1..20).contains(&kept), "{kept} parts of 20");
         assert_eq!(names(&scene.path("out/broken")), ["parts"]);
 
@@ -489,8 +489,14 @@ mod broken_off {
         let said = stderr(&output);
         assert!(output.status.success(), "{said}");
         let done = kept - 1;
-        assert!(said.contains("is not as it was kept: what it holds is computed again"), "{said}");
-        assert!(done == 0 || said.contains(&format!("{done} parts were done before")), "{said}");
+        assert!(
+            said.contains("was changed after it was saved: its results are computed again"),
+            "{said}"
+        );
+        assert!(
+            done == 0 || said.contains(&format!("{done} parts were computed before")),
+            "{said}"
+        );
         let resumed: Value = serde_json::from_slice(&output.stdout).unwrap();
         let whole = json(&mut long("out/whole"));
         assert_eq!(without_folder(resumed), without_folder(whole));
@@ -506,7 +512,7 @@ mod broken_off {
         assert!(kept > 0);
         let output = evaluate(&scene, &["log"], &["--json"]).output().unwrap();
         assert!(output.status.success(), "{}", stderr(&output));
-        assert!(!stderr(&output).contains("were done before"), "{}", stderr(&output));
+        assert!(!stderr(&output).contains("were computed before"), "{}", stderr(&output));
         assert!(!names(&scene.path("out/e")).contains(&"parts".to_owned()), "no parts remain");
     }
 }

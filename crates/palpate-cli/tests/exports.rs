@@ -47,7 +47,7 @@ fn needs_mujoco_pyvista_trimesh_a_field_is_read_by_others_as_it_is() {
 }
 
 #[test]
-fn above_all_cells_or_for_a_log_the_flag_above_is_refused_and_nothing_is_written() {
+fn the_flag_above_is_refused_for_a_log_and_if_no_cell_is_stiffer() {
     let folder = tempfile::tempdir().unwrap();
     let field = mapped(folder.path(), "data/plant_a/seq_000");
     let touch = root().join("data/plant_a/seq_000");

@@ -228,7 +228,7 @@ fn useless_clouds_are_refused_and_nothing_is_written() {
     let grey = written(&path("grey.ply"), 100, Vector3::zeros(), false);
     refuse(&mut extrapolate("field.npz", &grey, &npz), 1, &["grey.ply", "no colours"]);
     let away = written(&path("away.ply"), 100, Vector3::new(0.0, 4.0, 0.0), true);
-    refuse(&mut extrapolate("field.npz", &away, &npz), 1, &["away.ply", "miss each other by 3."]);
+    refuse(&mut extrapolate("field.npz", &away, &npz), 1, &["away.ply", "touched cells are 3."]);
     let cloud = Cloud::new(vec![Point3::new(0.55, -0.07, 0.18)], Some(vec![[1, 2, 3]]));
     cloud::write_ply(&path("base.ply"), &cloud, &[]).unwrap();
     let words = ["base.ply", "no touched cell lies at a point of the cloud"];
@@ -290,7 +290,7 @@ fn pictures_that_do_not_fit_are_refused() {
     refuse(metres.args(["--depth-unit-m", "1"]), 1, &["depth"]);
     let mut pose = extrapolate("field.npz", &rgbd, &npz);
     // The camera looks away from all that was touched.
-    refuse(pose.args(["--camera-pose", "0 0 0 0 0 0 1"]), 1, &["miss each other"]);
+    refuse(pose.args(["--camera-pose", "0 0 0 0 0 0 1"]), 1, &["touched cells are"]);
 }
 
 #[test]
@@ -303,7 +303,7 @@ fn flags_that_cannot_be_followed_are_refused() {
         command
     };
     refuse(&mut of(&["--features", "hue"]), 2, &["hue", "chroma"]);
-    refuse(&mut of(&["--method", "guess"]), 2, &["torque, cells and knn"]);
+    refuse(&mut of(&["--method", "guess"]), 2, &["torque, cells or knn"]);
     refuse(&mut of(&["--length-scale", "0"]), 2, &["length_scale", "0"]);
     refuse(&mut of(&["--crop-low-m=1,1,1", "--crop-high-m=0,0,0"]), 2, &["inside out"]);
     refuse(&mut extrapolate("field.npz", &cloud, &out.path().join("seen")), 2, &[".npz, .ply or"]);

@@ -85,7 +85,7 @@ fn write_currents(folder: &Path, log: &Path, n_m: f64) {
 }
 
 #[test]
-fn currents_that_a_ur_recorded_get_gains_and_are_no_torques_without() {
+fn currents_of_a_ur_get_gains_and_are_refused_without_them() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     write_logs(&path("free"), false);
@@ -226,7 +226,7 @@ fn torque(log: &Path, arm: &Path) -> Command {
 }
 
 #[test]
-fn of_free_motion_the_next_command_finds_no_contact_and_says_how_near_it_came() {
+fn free_motion_has_no_contact_and_its_largest_torque_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let (free, arm) = (folder.path().join("free"), folder.path().join("arm.toml"));
     write_logs(&free, false);
@@ -237,7 +237,7 @@ fn of_free_motion_the_next_command_finds_no_contact_and_says_how_near_it_came() 
     assert!(stdout.contains("No contact was found: the largest torque is"), "{stdout}");
     assert!(!stderr.contains("warning"), "{stderr}");
     let (_, stderr) = printed(torque(&free, &arm).args(["--bandwidth-hz", "2"]));
-    assert!(stderr.contains("warning: the threshold was found on torques"), "{stderr}");
+    assert!(stderr.contains("warning: the contact threshold was determined on"), "{stderr}");
     // The motion begins at once, which is allowed with an identified arm.
     let mut inspect = palpate();
     inspect.args(["inspect", "--json"]).arg(&free);
@@ -246,7 +246,7 @@ fn of_free_motion_the_next_command_finds_no_contact_and_says_how_near_it_came() 
     assert!(!report.to_string().contains("no_start"), "{report}");
     let removed = ["--torque-sign", "plus", "--gravity", "removed"];
     let (_, stderr) = printed(torque(&free, &arm).args(removed));
-    assert!(stderr.contains("these torques hold no gravity, and --arm"), "{stderr}");
+    assert!(stderr.contains("these torques contain no gravity, and --arm"), "{stderr}");
 }
 
 #[test]
@@ -289,7 +289,7 @@ fn what_looks_wrong_with_a_log_is_reported_before_its_torques_are_used() {
     let mut command = identify(&path("small"));
     let (_, stderr) = printed(&mut command);
     assert!(
-        stderr.contains("are they in mN·m?") && stderr.contains("warning: on motion"),
+        stderr.contains("are they in mN·m?") && stderr.contains("warning: on held-out motion"),
         "{stderr}"
     );
     // The log passes the checks, but no parameters of an arm explain its torques.
@@ -302,7 +302,7 @@ fn what_looks_wrong_with_a_log_is_reported_before_its_torques_are_used() {
     write_changed(&path("free"), &path("shaken"), shake);
     let unwritten = path("none.toml");
     let mut command = identify(&path("shaken"));
-    refuse(command.arg("--strict").arg("-o").arg(&unwritten), 1, &["held out", "(--strict)"]);
+    refuse(command.arg("--strict").arg("-o").arg(&unwritten), 1, &["held-out", "(--strict)"]);
     assert!(!unwritten.exists());
 }
 
@@ -369,7 +369,7 @@ fn identify_tiny(scene: &Scene, more: &[&str]) -> Command {
 }
 
 #[test]
-fn logs_that_cannot_serve_say_what_is_missing() {
+fn unusable_logs_are_refused_with_what_is_missing() {
     let scene = Scene::new();
     let run = |more: &[&str]| identify_tiny(&scene, more);
     let log = scene.text("log");
@@ -410,7 +410,7 @@ fn logs_that_cannot_serve_say_what_is_missing() {
 }
 
 #[test]
-fn a_joint_that_the_log_calls_otherwise_is_renamed() {
+fn a_joint_with_another_name_in_the_log_is_renamed() {
     let scene = Scene::new();
     let run = |more: &[&str]| identify_tiny(&scene, more);
     let included = ["--gravity", "included", "--torque-sign", "plus"];

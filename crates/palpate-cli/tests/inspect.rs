@@ -162,7 +162,7 @@ fn a_negated_column_is_named() {
     touches.iter_mut().flat_map(|touch| &mut touch.tau).for_each(|tau| tau[1] *= -1.0);
     let (_, report) = look(&touches, &[]);
     assert_eq!(first(&report)["code"], "joint_sign", "{}", report["paths"][0]["findings"]);
-    says(first(&report), &["minus at Actuator2", "negate the odd columns"]);
+    says(first(&report), &["minus for Actuator2", "negate the columns"]);
 }
 
 #[test]
@@ -291,7 +291,7 @@ fn degrees_and_radians_are_distinguished() {
     });
     let (exit, report) = look(&touches, &[]);
     assert_eq!((exit, codes(&report)), (Some(0), vec!["angle_unit"]));
-    says(first(&report), &["degrees", "gravity fits", "read so"]);
+    says(first(&report), &["degrees", "gravity fits", "read as degrees"]);
     assert_eq!(
         flags(&only(&touches, &["--angle-unit", "rad"], "angle_unit")),
         ["--angle-unit", "deg"]
@@ -333,7 +333,7 @@ fn touches_that_are_copies_are_reported() {
     let mut touches = clean();
     touches[2] = touches[0].clone();
     let found = only(&touches, &[], "duplicate_touches");
-    says(&found, &["a touch is a copy of another", "`seq_2` of `seq_0`"]);
+    says(&found, &["a touch is an exact copy of another", "`seq_2` of `seq_0`"]);
     assert_eq!(found["touches"], serde_json::json!(["seq_2"]));
 }
 
@@ -354,7 +354,7 @@ fn gaps_and_clocks_that_go_wrong_are_reported() {
 }
 
 #[test]
-fn stamps_that_are_not_when_the_joints_were_read_are_noted() {
+fn time_stamps_that_differ_from_the_reading_times_are_noted() {
     // The robot reports every 34 ms, and a node publishes its last report every 33.3 ms.
     let stamps = (0..300).map(|k| f64::from(k) / 30.0).collect::<Vec<_>>();
     let robot = Maker::new().robot;
@@ -399,7 +399,7 @@ fn a_frozen_sensor_is_reported() {
 }
 
 #[test]
-fn a_sensor_that_hangs_is_reported_and_a_coarse_one_is_not() {
+fn a_stuck_sensor_is_reported_and_a_coarse_one_is_not() {
     let mut touches = clean();
     let held = touches[2].tau[40][3];
     touches[2].tau[40..70].iter_mut().for_each(|tau| tau[3] = held);
@@ -420,7 +420,7 @@ fn torques_that_are_cut_off_are_reported_once() {
         tau[0] = tau[0].max(0.6 * most);
     });
     let found = only(&touches, &[], "clipped_torque");
-    says(&found, &["`Actuator1`", "never passes", "seq_0"]);
+    says(&found, &["`Actuator1`", "never exceeds", "seq_0"]);
 }
 
 #[test]
@@ -437,14 +437,14 @@ fn torques_that_come_late_are_reported_with_their_delay() {
         }
     }
     let found = only(&touches, &[], "delay");
-    says(&found, &["3 touches", " s: the arm sets out"]);
+    says(&found, &[" s: in 3 touches, the arm starts to move"]);
     let what = found["what"].as_str().unwrap();
     let frames: i32 = what.split(' ').find_map(|word| word.parse().ok()).unwrap();
     assert!((7..=11).contains(&frames), "{what}");
 }
 
 #[test]
-fn a_jump_is_reported_and_a_wrapped_angle_is_none() {
+fn a_jump_is_reported_and_a_wrapped_angle_is_not() {
     let mut touches = clean();
     touches[0].q[50..].iter_mut().for_each(|q| q[0] += 0.3);
     says(&only(&touches, &[], "jumps"), &["once", "seq_0 row 50 (`Actuator1` by 0.3"]);
@@ -570,7 +570,7 @@ fn strict_makes_warnings_count() {
 }
 
 #[test]
-fn paths_of_no_known_kind_are_reported() {
+fn paths_of_an_unknown_kind_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     fs::write(path("notes.md"), "not a log").unwrap();
@@ -578,7 +578,7 @@ fn paths_of_no_known_kind_are_reported() {
     write(folder.path(), &clean());
     let cases = [
         ("nowhere", "does not exist"),
-        ("notes.md", "no format that is known"),
+        ("notes.md", "has an unknown format"),
         ("void", "it is empty"),
         ("seq_0/angles.npy", "give the folder"),
     ];

@@ -90,7 +90,7 @@ fn the_lattice_may_come_from_a_settings_file_or_a_field() {
 }
 
 #[test]
-fn a_box_elsewhere_is_a_finding_and_teaches_nothing() {
+fn a_box_without_contacts_is_reported_and_nothing_is_learnt() {
     let scene = Scene::new();
     let report = inspect(&scene, &ELSEWHERE);
     assert_eq!(codes(&report), ["no_contact"], "{}", report["paths"][0]["findings"]);

@@ -62,7 +62,7 @@ fn the_field_so_far_is_saved_whole_if_asked_for() {
 }
 
 #[test]
-fn a_measurement_cut_short_prints_nothing() {
+fn an_interrupted_measurement_prints_nothing() {
     let scene = Scene::new();
     scene.touch("long", 600, 0.0);
     let mut command = palpate();

@@ -45,7 +45,7 @@ fn needs_cyclonedds_the_robot_is_the_one_that_is_described_on_the_network() {
 }
 
 #[test]
-fn a_robot_that_nobody_describes_is_an_error_that_names_the_topic() {
+fn a_missing_robot_description_is_an_error_that_names_the_topic() {
     let domain = Domain::take();
     let mut live = palpate();
     live.args(["live", "--localhost", "--domain", &domain.number.to_string()]);
@@ -113,7 +113,7 @@ fn needs_cyclonedds_broken_samples_are_refused_with_a_reason_and_the_others_mapp
         ("nan", "not finite", "the effort of joint `Actuator1` is NaN"),
         ("effort", "length", "0 efforts for 7 joints"),
         ("names", "joints", "the robot's joint `Actuator1` is not in the log"),
-        ("still", "duplicate", "each moment counts once"),
+        ("still", "duplicate", "each time stamp is used only once"),
         ("clock", "", "the clock was set back; waiting for the arm to pause"),
     ] {
         let domain = Domain::take();
@@ -236,7 +236,7 @@ fn a_field_whose_folder_is_gone_at_the_end_is_saved_elsewhere() {
 }
 
 #[test]
-fn a_field_that_is_there_is_not_replaced() {
+fn an_existing_field_is_not_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let field = folder.path().join("field.npz");
     fs::write(&field, "precious").unwrap();

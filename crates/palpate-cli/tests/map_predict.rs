@@ -56,7 +56,7 @@ fn a_relative_error_is_null_where_no_frame_reaches_a_newton_metre() {
 }
 
 #[test]
-fn mapping_in_two_halves_is_mapping_at_once() {
+fn mapping_in_two_halves_equals_mapping_at_once() {
     for estimator in ["map", "ekf"] {
         let scene = Scene::new();
         let at = |name: &str| scene.text(name);
@@ -153,7 +153,7 @@ fn with_few_touches_bands_are_those_of_other_objects_and_misfits_are_kept() {
     assert_eq!((few.touches, few.of_other_objects, few.misfits.len()), (1, true, 0));
 
     let text = succeed(&mut scene.map(&["log"], &[]));
-    assert!(text.contains("up to 95 %, as other objects have them"), "{text}");
+    assert!(text.contains("up to 95 %, calibrated on other objects"), "{text}");
     let own = field(&scene, "out/field.npz").field.calibration.unwrap();
     assert_eq!((own.touches, own.of_other_objects, own.misfits.len()), (4, true, 4));
 
@@ -196,7 +196,7 @@ fn a_touch_that_meets_no_known_point_is_noted() {
     let output = scene.map(&["log"], &away).output().unwrap();
     assert!(common::stderr(&output).contains("0 of 80 frames touch the lattice"));
     let output = scene.predict(&["log"], &[]).output().unwrap();
-    assert!(common::stderr(&output).contains("no touch meets a point that the field knows"));
+    assert!(common::stderr(&output).contains("no touch reaches a cell that is in the field"));
 }
 
 #[test]

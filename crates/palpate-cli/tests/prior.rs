@@ -59,7 +59,7 @@ fn a_field_learnt_yesterday_is_a_prior_for_today() {
     assert_eq!(mapped["cells_expected_and_touched"], both);
     let output = with_prior(&scene, "out/first.npz", &[]).output().unwrap();
     assert!(stdout(&output).contains(&format!("{expected}, {both} of them touched")));
-    let words = format!("the prior of {expected} cells is `K` of");
+    let words = format!("the prior means of {expected} cells are `K` of");
     assert!(stderr(&output).contains(&words), "{}", stderr(&output));
     // The other touch is predicted from it as if it had been learnt.
     let report = json(&mut scene.predict(&["log/seq_0"], &["--json"]));
@@ -73,13 +73,13 @@ fn a_field_learnt_yesterday_is_a_prior_for_today() {
 }
 
 #[test]
-fn what_was_expected_before_any_touch_wins_over_what_was_learnt() {
+fn the_prior_means_of_a_field_take_precedence_over_its_learnt_stiffness() {
     let scene = scene();
     change(&scene, "out/first.npz", |saved| {
         saved.prior_n_per_m = Some(vec![0.125; saved.field.cells.len()]);
     });
     let output = with_prior(&scene, "out/first.npz", &[]).output().unwrap();
-    assert!(stderr(&output).contains("is `K_prior` of"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("are `K_prior` of"), "{}", stderr(&output));
     let (second, expected) = (field(&scene, "out/field.npz"), field(&scene, "out/first.npz"));
     let prior = second.prior_n_per_m.unwrap();
     let (expected, others) = prior.split_at(expected.field.cells.len());
@@ -88,7 +88,7 @@ fn what_was_expected_before_any_touch_wins_over_what_was_learnt() {
 }
 
 #[test]
-fn mapping_in_two_halves_is_mapping_at_once_with_a_prior_too() {
+fn mapping_in_two_halves_equals_mapping_at_once_with_a_prior_too() {
     let scene = scene();
     let prior = scene.text("out/first.npz");
     let at = |name: &str| scene.text(name);
@@ -111,7 +111,7 @@ fn mapping_in_two_halves_is_mapping_at_once_with_a_prior_too() {
 }
 
 #[test]
-fn what_is_no_field_of_palpates_is_no_prior() {
+fn a_file_that_is_no_field_of_palpate_is_refused_as_a_prior() {
     let scene = scene();
     let mut cloud = Arrays::new();
     cloud.insert("points", Array::new(vec![2, 3], Data::F64(vec![0.0; 6])));
@@ -139,7 +139,7 @@ fn a_prior_in_another_lattice_is_refused_with_the_flags_that_give_it() {
     let output = coarser.output().unwrap();
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(2), "{said}");
-    for words in ["[80, 80, 80] points every 0.03 m", "[73, 80, 80] points", "make the prior anew"]
+    for words in ["[80, 80, 80] points every 0.03 m", "[73, 80, 80] points", "make the prior again"]
     {
         assert!(said.contains(words), "`{words}` is not in: {said}");
     }
@@ -182,7 +182,7 @@ fn a_prior_learnt_with_another_contact_model_is_used_and_reported() {
 }
 
 #[test]
-fn a_picture_shows_what_was_touched_and_not_what_was_expected() {
+fn a_picture_shows_touched_cells_and_not_those_with_a_prior_only() {
     let scene = scene();
     let svg = |name: &str| std::fs::read_to_string(scene.path(name)).unwrap();
     let plain = scene.text("out/plain.svg");

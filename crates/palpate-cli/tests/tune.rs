@@ -58,7 +58,7 @@ fn too_few_touches_are_refused_and_nothing_is_written() {
 }
 
 #[test]
-fn a_map_learns_under_what_a_quick_search_finds_and_says_so() {
+fn a_map_learns_with_quickly_tuned_settings_and_prints_them() {
     let scene = Scene::new();
     scene.touch("log/seq_2", 40, -0.2);
     let field = |logs: &[&str], flags: &[&str], expected: &str| {
@@ -91,7 +91,7 @@ fn a_map_learns_under_what_a_quick_search_finds_and_says_so() {
 }
 
 #[test]
-fn what_is_given_is_not_chosen() {
+fn given_settings_are_not_tuned() {
     let scene = Scene::new();
     scene.touch("log/seq_2", 40, -0.2);
     let flags = [

@@ -120,7 +120,7 @@ mod with_viewer {
     }
 
     #[test]
-    fn what_cannot_be_followed_is_refused_and_leaves_nothing() {
+    fn invalid_arguments_are_refused_and_leave_no_file() {
         let scene = Scene::new();
         succeed(&mut scene.map(&["log"], &[]));
         fs::copy(scene.path("out/field.npz"), scene.path("other.npz")).unwrap();

@@ -124,7 +124,7 @@ fn logs_in_degrees_beside_others_in_radians_are_refused_by_name() {
         let output = map.output().unwrap();
         let said = stderr(&output);
         assert_eq!(output.status.code(), Some(2), "{said}");
-        assert!(said.contains("all into one unit"), "{said}");
+        assert!(said.contains("convert all to one unit"), "{said}");
         let names_one = order.iter().any(|log| said.contains(&format!("`{}`: the", log.display())));
         assert!(names_one && !out.join("field.npz").exists(), "{said}");
     }
@@ -143,7 +143,7 @@ fn a_log_of_another_robot_is_recognised_by_its_number_of_joints() {
 }
 
 #[test]
-fn what_ends_a_command_is_explained_by_what_looks_wrong() {
+fn the_error_of_a_bad_log_names_its_finding() {
     let folder = scene(|touch| touch.tau[90][2] = 2e6);
     let output = commands(folder.path())[0].output().unwrap();
     let message = stderr(&output);
@@ -152,7 +152,7 @@ fn what_ends_a_command_is_explained_by_what_looks_wrong() {
 }
 
 #[test]
-fn degrees_are_not_converted_to_a_bag_in_radians_without_a_word() {
+fn converting_probable_degrees_to_a_bag_in_radians_warns() {
     let scene = scene(|touch| touch.q.iter_mut().flatten().for_each(|q| *q = q.to_degrees()));
     let convert = |more: &[&str]| {
         let mut convert = palpate();

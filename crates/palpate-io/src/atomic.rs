@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_killed_process_left_is_removed_and_what_another_writes_is_not() {
+    fn files_of_killed_processes_are_removed_and_those_being_written_are_not() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("field.npz");
         fs::write(folder.path().join(".field.npz.x1.partial"), "left").unwrap();
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_held_by_one_until_it_lets_go() {
+    fn a_file_has_one_lock_until_it_is_released() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("field.npz");
         let hold = FileLock::on(&path).unwrap();

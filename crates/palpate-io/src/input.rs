@@ -37,7 +37,7 @@ pub fn set_largest(bytes: u64) {
 pub fn too_large() -> String {
     let gib = (1e3 * largest() as f64 / GIB).round() / 1e3;
     format!(
-        "more than {gib} GiB of memory; if that is as it should be, allow more by --file-memory GIB \
+        "more than {gib} GiB of memory; if that is intended, allow more with --file-memory GIB \
          ({VARIABLE} in the environment)"
     )
 }
@@ -50,7 +50,7 @@ pub fn too_large() -> String {
 pub fn open(path: &Path) -> io::Result<File> {
     match kind(path.metadata()?.file_type()) {
         Some(kind) => {
-            Err(io::Error::new(ErrorKind::InvalidInput, format!("it is {kind}, no file")))
+            Err(io::Error::new(ErrorKind::InvalidInput, format!("it is {kind}, not a file")))
         }
         None => File::open(path),
     }
@@ -72,7 +72,7 @@ fn kind(file_type: FileType) -> Option<&'static str> {
     match (file_type.is_dir(), file_type.is_file()) {
         (true, _) => Some("a folder"),
         (false, true) => None,
-        (false, false) => Some("something else"),
+        (false, false) => Some("of an unknown type"),
     }
 }
 
@@ -102,7 +102,7 @@ pub fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
     let too_large = || {
         let what = match largest <= bound {
             true => format!("it has more than {largest} bytes, which is too large for such a file"),
-            false => format!("it wants {}", too_large()),
+            false => format!("it needs {}", too_large()),
         };
         io::Error::new(ErrorKind::FileTooLarge, what)
     };

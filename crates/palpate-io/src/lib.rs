@@ -38,7 +38,7 @@ pub use npy::NpyError;
 /// Error message for a part (`what`) that this program was built without: how to get it. One sentence, no full stop.
 pub fn not_built(what: &str) -> String {
     format!(
-        "this palpate was built without {what}; the Python package has all, and so has what `cargo install --locked \
-         --path crates/palpate-cli --features full` builds"
+        "this palpate was built without {what}; the Python package has everything, and so has the program of \
+         `cargo install --locked --path crates/palpate-cli --features full`"
     )
 }

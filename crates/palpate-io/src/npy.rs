@@ -31,7 +31,7 @@ pub enum NpyError {
     #[error("is not an npy file: it begins with {found}; write it with numpy.save")]
     NotNpy { found: String },
     /// A version other than 1 to 3.
-    #[error("is npy version {major}; versions 1 to 3 are known")]
+    #[error("is npy version {major}; wanted version 1, 2 or 3")]
     Version { major: u8 },
     /// The header's text does not parse.
     #[error("has a header that cannot be read: {reason}")]
@@ -161,7 +161,7 @@ impl Header {
         let yaml = text.replace('(', "[").replace(')', "]").replace("L,", ",").replace("L]", "]");
         let Dictionary { descr, fortran_order, shape } =
             serde_saphyr::from_str(&yaml).map_err(|error| {
-                header(error.to_string().lines().next().unwrap_or("it is no dictionary"))
+                header(error.to_string().lines().next().unwrap_or("it is not a dictionary"))
             })?;
         let Value::String(descr) = descr else {
             let (descr, what) = ("structured dtype".to_owned(), "an array of records");
@@ -359,7 +359,7 @@ fn not_npy(start: &[u8]) -> NpyError {
 /// Fills `raw`, or returns an error if the file ends within the header.
 fn read_whole(input: &mut impl Read, raw: &mut [u8]) -> Result<(), NpyError> {
     input.read_exact(raw).map_err(|error| match error.kind() {
-        io::ErrorKind::UnexpectedEof => header("the file ends within it"),
+        io::ErrorKind::UnexpectedEof => header("the file ends within the header"),
         _ => NpyError::Io(error),
     })
 }

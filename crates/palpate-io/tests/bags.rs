@@ -364,6 +364,10 @@ fn a_text_that_claims_gigabytes_is_refused_before_memory_is_allocated() {
         let mut bytes = whole.clone();
         bytes[text - 4..text].copy_from_slice(&u32::MAX.to_le_bytes());
         fs::write(&path, &bytes).unwrap();
-        refused(&path, &LogOptions::default(), &["claims to be longer than what holds it"]);
+        refused(
+            &path,
+            &LogOptions::default(),
+            &["claims to be longer than the record that contains it"],
+        );
     }
 }

@@ -216,7 +216,7 @@ fn a_file_that_promises_a_prior_and_lacks_it_is_refused() {
     let saved = SavedField { prior_n_per_m: None, ..SavedField::of_mapper(&mapper) };
     save(&path, &saved).unwrap();
     let error = load(&path).unwrap_err().to_string();
-    assert!(error.contains("1 cells are said to have a prior of their own"), "{error}");
+    assert!(error.contains("1 cells should have a prior of their own"), "{error}");
 }
 
 #[test]
@@ -385,7 +385,7 @@ fn a_mapper_saved_between_touches_waits_for_the_next_one_to_begin() {
     mapper.end_touch().unwrap();
     let mut continued = Mapper::resume(arm, mapper.snapshot()).unwrap();
     let error = continued.step(&touches[0][0]).unwrap_err().to_string();
-    assert!(error.contains("without a touch that was begun"), "{error}");
+    assert!(error.contains("before a touch was begun"), "{error}");
 }
 
 #[test]

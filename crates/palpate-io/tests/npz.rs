@@ -98,24 +98,28 @@ fn every_defect_of_a_field_is_named() {
     let f64s = |numbers: &[f64]| Array::flat(Data::F64(numbers.to_vec()));
     let u32s = |numbers: &[u32]| Array::flat(Data::U32(numbers.to_vec()));
     let cases = [
-        ("points", f64s(&[1.0; 9]), "floats of [N, 3]"),
-        ("points", Array::new(vec![3, 3], Data::I64(vec![0; 9])), "i8 of [3, 3]; wanted floats"),
+        ("points", f64s(&[1.0; 9]), "floats of shape [N, 3]"),
+        (
+            "points",
+            Array::new(vec![3, 3], Data::I64(vec![0; 9])),
+            "i8 of shape [3, 3]; wanted floats",
+        ),
         ("K", nan(3), "NaN in row 0"),
-        ("K", f64s(&[1.0, 2.0]), "f8 of [2]; wanted floats of [3]"),
+        ("K", f64s(&[1.0, 2.0]), "f8 of shape [2]; wanted floats of shape [3]"),
         ("K", f64s(&[1.0, -2.0, 3.0]), "-2 in row 1"),
-        ("K", Array::new(vec![3, 3], Data::F64(vec![1.0; 9])), "wanted floats of [3]"),
+        ("K", Array::new(vec![3, 3], Data::F64(vec![1.0; 9])), "wanted floats of shape [3]"),
         ("K_std", f64s(&[1.0, f64::INFINITY, 3.0]), "inf in row 1"),
-        ("K_prior", f64s(&[1.0, 2.0]), "f8 of [2]; wanted floats of [3]"),
+        ("K_prior", f64s(&[1.0, 2.0]), "f8 of shape [2]; wanted floats of shape [3]"),
         ("K_prior", f64s(&[1.0, 2.0, -0.5]), "-0.5 in row 2"),
         ("K_prior", nan(3), "NaN in row 0"),
         ("N_obs", Array::flat(Data::I64(vec![1, 2, -3])), "-3 in row 2"),
         ("N_obs", Array::flat(Data::U64(vec![1, 2, 1 << 40])), "row 2"),
-        ("lattice", f64s(&[0.0; 6]), "floats of [7]"),
+        ("lattice", f64s(&[0.0; 6]), "floats of shape [7]"),
         ("lattice", f64s(&[0.0, 0.0, 0.0, 0.0, 9.0, 9.0, 9.0]), "a spacing above 0"),
         ("lattice", f64s(&[0.0, 0.0, 0.0, 1.0, 9.0, 9.5, 9.0]), "9.5 in row 5"),
         ("cells", u32s(&[1, 2, 4_000_000]), "4000000 in row 2"),
         ("cells", u32s(&[1, 2, 1]), "each cell once"),
-        ("cells", u32s(&[1, 2]), "wanted integers of [3]"),
+        ("cells", u32s(&[1, 2]), "wanted integers of shape [3]"),
     ];
     for (name, array, wanted) in cases {
         let mut broken = arrays();

@@ -165,7 +165,7 @@ fn what_cannot_be_used_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     write_columns(&at("a.parquet"), &[("q1", &[0.0]), ("speed", &[0.0])]);
-    refused(&at("a.parquet"), &["a.parquet", "like a joint torque", "`q1`, `speed`"]);
+    refused(&at("a.parquet"), &["a.parquet", "known name of joint torques", "`q1`, `speed`"]);
     write_columns(&at("b.parquet"), &[("q1", &[0.0, f64::NAN]), ("tau1", &[0.0, 0.0])]);
     refused(&at("b.parquet"), &["row 1", "`q1`", "finite"]);
     write_columns(&at("c.parquet"), &[("observation.state", &[0.0])]);
@@ -185,7 +185,7 @@ fn what_cannot_be_used_is_named() {
 
     let bytes = fs::read(at("d.parquet")).unwrap();
     fs::write(at("e.parquet"), &bytes[..bytes.len() - 20]).unwrap();
-    refused(&at("e.parquet"), &["e.parquet", "broken"]);
+    refused(&at("e.parquet"), &["e.parquet", "damaged"]);
 }
 
 #[test]

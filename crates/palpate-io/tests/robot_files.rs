@@ -146,7 +146,7 @@ fn without_a_usable_cache_the_robot_loads_all_the_same() {
     bench.options.cache = CachePlace::At(bench.path("file/cache"));
     let loaded = bench.load().unwrap();
     assert_eq!(loaded.warnings.len(), 1, "{:?}", loaded.warnings);
-    assert!(loaded.warnings[0].contains("could not be kept"));
+    assert!(loaded.warnings[0].contains("could not be stored"));
 }
 
 #[cfg(unix)]
@@ -197,7 +197,7 @@ fn a_package_is_looked_for_in_the_given_folders_and_above_the_urdf() {
 fn every_defect_is_named() {
     let bench = Bench::new("box.stl");
     let error = bench.load().unwrap_err();
-    assert!(error.contains("wants the mesh `box.stl`, which is not there"), "{error}");
+    assert!(error.contains("needs the mesh `box.stl`, which was not found"), "{error}");
     bench.write("box.stl", "nonsense");
     let error = bench.load().unwrap_err();
     assert!(error.contains("link `arm`: the mesh") && error.contains("box.stl"), "{error}");

@@ -246,7 +246,7 @@ fn a_body_reads_back_from_its_json_and_a_broken_one_says_where() {
     assert_eq!(body::read(&path).unwrap(), written);
     for (from, to, words) in [
         ("\"radius_m\":0.008", "\"radius_m\":-1", "radius_m of segment 0 is -1"),
-        ("\"parent\":0", "\"parent\":7", "hangs from segment 7"),
+        ("\"parent\":0", "\"parent\":7", "is segment 7"),
         ("\"radius_m\"", "\"radius\"", "unknown field `radius`"),
         ("]}", "", "is not the JSON"),
     ] {
@@ -303,7 +303,7 @@ fn a_cushion_as_a_mujoco_model_has_three_slides_a_block_and_a_tendon_between_nei
 
     std::fs::write(&path, json.replace("\"parent\":null", "\"parent\":0")).unwrap();
     let error = body::read(&path).unwrap_err().to_string();
-    assert!(error.contains("segment 0 hangs from segment 0"), "{error}");
+    assert!(error.contains("the parent of segment 0 is segment 0"), "{error}");
 }
 
 #[test]

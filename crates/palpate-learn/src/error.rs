@@ -30,13 +30,13 @@ pub enum LearnError {
     Excite(String),
     /// No motion touches uncertain cells of the task.
     #[error(
-        "no motion touches anything of the task whose stiffness is uncertain, so none can be ranked; check the task, and \
-         that its motions belong to this robot and field"
+        "no motion touches cells of the task with uncertain stiffness, so no motion can be ranked; check that task and \
+         motions belong to this robot and field"
     )]
     NoTask,
     /// A field without calibrated bands.
     #[error(
-        "no touches were held out when this field was learned, so nothing says how well touches should fit; map its logs \
+        "no touches were held out when this field was learned, so it is unknown how well touches should fit; map its logs \
          again with at least three touches, with tuning, and without a prior or an elastic body"
     )]
     NoBands,

@@ -139,15 +139,15 @@ impl HeldOutTouch {
         let size = (predicted_sq / external_sq.max(f64::MIN_POSITIVE)).sqrt();
         let alike = both / (predicted_sq * external_sq).sqrt().max(f64::MIN_POSITIVE);
         let direction = if alike < 0.5 {
-            "in another direction"
+            "in a different direction"
         } else if alike < 0.85 {
-            "in about its direction"
+            "in about the same direction"
         } else {
-            "in its direction"
+            "in the same direction"
         };
         Some(format!(
-            "{known:.0} % of its contacts are points that other touches met; predicted is {size:.1} \
-             times the torque that was there, {direction} (cosine {alike:.2})"
+            "{known:.0} % of its contacts are with cells that other touches reached; the predicted torque is {size:.1} \
+             times the actual one, {direction} (cosine {alike:.2})"
         ))
     }
 }
@@ -203,7 +203,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn mean_and_deviation_of_a_case_on_paper() {
+    fn mean_and_deviation_are_as_computed_by_hand() {
         assert_eq!(MeanStd::of([1.0, 2.0, 3.0]), Some(MeanStd { mean: 2.0, std: 1.0 }));
         assert_eq!(MeanStd::of([5.0]), Some(MeanStd { mean: 5.0, std: 0.0 }));
         assert_eq!(MeanStd::of([]), None);

@@ -145,7 +145,8 @@ pub fn excite(
     }
     let none = || {
         LearnError::Excite(
-            "no motion around the start keeps to the limits; give another start".to_owned(),
+            "no motion around the start was found that keeps all limits; give another start"
+                .to_owned(),
         )
     };
     let (_, series) = best.ok_or_else(none)?;
@@ -218,7 +219,7 @@ impl<'a> Search<'a> {
         {
             let lowest = search.lowest(&poses.world_from_link);
             return wrong(format!(
-                "at the start the arm reaches down to {lowest:.3} m, and is to stay above {ground_m} m; give another \
+                "at the start the arm reaches down to {lowest:.3} m; wanted above {ground_m} m; give another \
                  start, or another height of the ground"
             ));
         }

@@ -220,7 +220,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_push_loads_on_its_way_in_and_frames_without_contact_are_neither_met_nor_unmet() {
+    fn a_push_loads_until_its_deepest_point_and_frames_without_contact_are_neither_met_nor_unmet() {
         let torques: Vec<Vec<f64>> = [0, 1, 2, 3, 2, 1, 0].map(|t| vec![0.0, f64::from(-t)]).into();
         let loads = loading(&torques.iter().collect::<Vec<_>>(), 1);
         assert_eq!(loads, [false, true, true, true, false, false, false]);

@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn figures_of_a_case_on_paper() {
+    fn figures_are_as_computed_by_hand() {
         let mut sum = ErrorSum::default();
         sum.add(&[3.0, 4.0], &[0.0, 0.0]); // error 5, too small for a ratio
         sum.add(&[0.0, 1.0], &[0.0, 2.0]); // error 1, relative 0.5

@@ -424,7 +424,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn torques_in_free_air_count_where_zero_would_be_better() {
+    fn the_score_rises_where_predicting_zero_would_be_better() {
         let score = |error| Score { relative: 0.5, error, of_zero: 2.0 };
         let mean = |errors: [f64; 2]| mean_score(&errors.map(score).iter());
         assert!((mean([1.0, 2.6]) - 0.5).abs() < 1e-12, "better than zero over all");

@@ -157,7 +157,7 @@ fn the_same_cloud_gives_the_same_body_to_the_bit() {
 }
 
 #[test]
-fn clouds_without_a_body_are_none_rather_than_a_panic() {
+fn clouds_without_a_body_give_none_and_no_panic() {
     let grid = |n: i32| -> Vec<Point3<f64>> {
         let place =
             |at: i32| Point3::new(0.002 * f64::from(at % n), 0.002 * f64::from(at / n), 0.0);
@@ -258,7 +258,7 @@ fn a_plant_hangs_from_its_root_wherever_that_is() {
 }
 
 #[test]
-fn a_table_has_no_reading_and_a_plant_on_it_needs_to_be_cut_out() {
+fn a_table_gives_no_body_and_a_plant_on_it_only_with_a_given_kind() {
     let seen = plant();
     let kinds = |points: &[Point3<f64>], colours: &[[u8; 3]], kind| -> Vec<SegmentKind> {
         let picture = ObjectCloud { points, colours, viewpoint: Some(EYE) };
@@ -339,7 +339,7 @@ fn the_camera_of_the_bundled_plant_is_found_in_its_cloud() {
 }
 
 #[test]
-fn the_first_reading_is_the_body_and_no_two_are_the_same() {
+fn the_first_candidate_is_the_body_and_no_two_candidates_are_equal() {
     let seen = plant();
     let bodies = candidate_bodies(&[seen.picture(Some(EYE))], &ObjectHints::default());
     assert_eq!(bodies[0], seen.body(Some(EYE)));

@@ -76,7 +76,7 @@ fn with_torques_of(mut tracked: TrackedTouches, field: &Field, factor: f64) -> T
 }
 
 #[test]
-fn what_was_changed_is_named() {
+fn the_kind_of_change_is_found() {
     let (arm, tracked) = (common::arm(), tracked());
     let field = field(&tracked);
     let found = |torques_of: &Field, factor: f64| {
@@ -178,7 +178,7 @@ fn a_repeated_touch_is_compared_with_the_earlier_torques_however_bad_the_field_i
 }
 
 #[test]
-fn a_touch_that_repeats_one_finds_a_moved_object_of_which_the_field_predicts_nothing() {
+fn a_touch_that_repeats_another_finds_a_moved_object_where_the_field_predicts_no_torque() {
     let (arm, tracked) = (common::arm(), tracked());
     let truth = field(&tracked);
     let mut field = truth.clone();
@@ -194,7 +194,7 @@ fn a_touch_that_repeats_one_finds_a_moved_object_of_which_the_field_predicts_not
 }
 
 #[test]
-fn a_field_is_moved_by_whole_cells_exactly_and_by_nothing_not_at_all() {
+fn a_field_moves_exactly_by_whole_cells_and_stays_under_a_zero_motion() {
     let tracked = tracked();
     let field = field(&tracked);
     let still = ObjectMotion { shift_m: [0.0; 3], turn_rad: 0.0, about_m: [0.3, 0.1] };

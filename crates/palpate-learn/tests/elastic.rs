@@ -148,7 +148,7 @@ fn a_field_with_its_body_predicts_what_was_predicted_of_the_touch_left_out() {
 }
 
 #[test]
-fn touches_with_almost_no_torque_say_no_more_than_no_touch() {
+fn touches_with_almost_no_torque_give_the_same_body_as_no_touches() {
     let arm = arm();
     let mut touches = touches(&arm, 2.0, 0.3);
     touches.iter_mut().flat_map(|touch| &mut touch.samples).for_each(|s| s.tau.fill(0.01));
@@ -161,7 +161,7 @@ fn touches_with_almost_no_torque_say_no_more_than_no_touch() {
 }
 
 #[test]
-fn trees_of_unlike_stiffness_side_by_side_are_distinguished() {
+fn trees_of_different_stiffness_side_by_side_are_distinguished() {
     let arm = arm();
     // The stem in the middle is three times as stiff as the others.
     let stiffer = |segment: &Segment| Segment {
@@ -181,7 +181,7 @@ fn trees_of_unlike_stiffness_side_by_side_are_distinguished() {
 }
 
 #[test]
-fn what_creeps_forgets_from_where_the_arm_came_and_what_does_not_remembers() {
+fn forces_depend_on_the_earlier_path_only_without_creep() {
     let arm = arm();
     // Presses the rod into the stems beside the place where it then slides to, and waits there.
     let force_from = |beside_m: f64, creep_s: f64, waits: usize| {
@@ -250,7 +250,7 @@ fn touches_learnt_one_by_one_give_the_body_of_all_at_once_and_old_ones_are_forgo
 }
 
 #[test]
-fn a_material_that_no_touch_has_met_is_taken_as_before_any_touch() {
+fn a_material_that_no_touch_reached_keeps_its_prior_stiffness() {
     let arm = arm();
     // Two blocks, one of them behind the rod.
     let block = |(material, [x, y]): (u32, [f64; 2])| Segment {
@@ -328,7 +328,7 @@ fn a_path_bends_the_body_as_the_same_motion_does_step_by_step() {
 }
 
 #[test]
-fn a_body_that_is_not_there_is_not_believed() {
+fn a_body_that_no_touch_reaches_has_almost_no_weight() {
     let arm = arm();
     let touches = touches(&arm, 1.0, 0.3);
     // A bush above the plane in which the rod moves.
@@ -344,7 +344,7 @@ fn a_body_that_is_not_there_is_not_believed() {
 }
 
 #[test]
-fn a_body_that_would_have_to_be_far_stiffer_is_none_even_after_a_single_touch() {
+fn a_body_that_would_have_to_be_far_stiffer_gets_no_stiffness_even_after_one_touch() {
     let arm = arm();
     let touches = touches(&arm, 100.0, 0.4);
     let tracked = tracked(&arm, &body(), &touches);

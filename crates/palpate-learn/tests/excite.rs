@@ -47,7 +47,7 @@ fn a_motion_begins_and_ends_at_rest_and_keeps_to_all_limits() {
 }
 
 #[test]
-fn starts_that_cannot_be_are_refused_with_what_is_wrong() {
+fn impossible_starts_are_refused_with_the_reason() {
     let arm = gen3();
     let refused = |around: Vec<f64>, ground_m| {
         let config = ExciteConfig { around: Some(around), ground_m, ..config() };

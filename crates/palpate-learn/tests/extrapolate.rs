@@ -166,7 +166,7 @@ fn cells_at_seen_points_take_their_stiffness_and_no_others_do() {
 }
 
 #[test]
-fn what_cannot_be_carried_over_is_refused_with_what_is_wrong() {
+fn what_cannot_be_extrapolated_is_refused_with_the_reason() {
     let (seen, tracked) = (object(), tracked(&[2], 20));
     let field = field(&tracked, |_| 1.0);
     let config = ExtrapolationConfig::default();
@@ -184,7 +184,7 @@ fn what_cannot_be_carried_over_is_refused_with_what_is_wrong() {
         extrapolate(&shifted([0.0, 5.0, 0.0]), &field, Some(&tracked), &config).unwrap_err();
     let ExtrapolateError::Apart { gap_m, apart_m, .. } = &apart else { panic!("{apart}") };
     assert!(*gap_m > 3.0 && apart_m[0] == 0.0 && apart_m[1] > 3.0, "{apart}");
-    assert!(apart.to_string().contains("miss each other by"), "{apart}");
+    assert!(apart.to_string().contains("touched cells are"), "{apart}");
     // One point inside the box of the touched cells, but near none of them.
     let corner = tracked.points_m.iter().fold([f64::INFINITY; 3], |low, point| {
         std::array::from_fn(|axis| low[axis].min(point[axis]))

@@ -265,7 +265,7 @@ fn is_causal(model: &TorqueModel, touch: &[Sample]) {
 }
 
 #[test]
-fn samples_in_which_the_arm_jerks_are_named_and_hide_nothing() {
+fn samples_in_which_the_arm_jerks_are_named_and_the_result_stays_right() {
     let mut logs = logs(7, PRESLIDING);
     logs.insert(0, logs[0][..2].to_vec());
     for (k, sample) in logs[2].iter_mut().enumerate().skip(100).take(6) {
@@ -286,7 +286,7 @@ fn samples_in_which_the_arm_jerks_are_named_and_hide_nothing() {
 }
 
 #[test]
-fn a_clock_that_stands_still_is_none() {
+fn a_clock_that_stands_still_counts_as_no_clock() {
     let mut logs = logs(7, PRESLIDING);
     logs.truncate(1);
     let mut of = |time_s| {

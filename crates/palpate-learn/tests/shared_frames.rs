@@ -235,7 +235,7 @@ fn parts_are_the_same_to_the_bit_on_one_thread_and_on_two() {
 }
 
 #[test]
-fn a_part_of_another_shape_or_without_finite_torques_is_none_of_the_plan() {
+fn a_part_of_another_shape_or_without_finite_torques_does_not_belong_to_the_plan() {
     let (arm, touches) = (arm(), touches(3));
     let config = config(EstimatorKind::Map);
     let plan = EvaluationPlan {
@@ -370,7 +370,7 @@ fn with_other_torques(touches: &[TouchSamples], touch: usize) -> Vec<TouchSample
 }
 
 #[test]
-fn a_touch_under_test_has_no_say_in_its_own_prediction() {
+fn a_touch_under_test_has_no_effect_on_its_own_prediction() {
     let (arm, touches) = (arm(), touches(3));
     let methods = [Method::Map, Method::Ekf, Method::Uniform, Method::Knn, Method::Gp];
     for test in 0..3 {

@@ -165,7 +165,7 @@ impl LiveElasticBody {
             let dropped = self.mapped.dropped();
             if std::mem::replace(&mut lost, dropped) != dropped {
                 recorder = Recorder::default(); // the lost samples may have begun or ended a touch
-                shared.note("the elastic body does not keep up: a touch is not learnt by it");
+                shared.note("the elastic body does not keep up: it leaves out a touch");
             }
             if let Some(touch) = recorder.take(&mapped) {
                 self.hand_over(touch, shared);
@@ -202,7 +202,7 @@ impl LiveElasticBody {
                 learnt.waiting += 1;
             }
             Err(_) => {
-                shared.note("the elastic body does not keep up: a touch is not learnt by it");
+                shared.note("the elastic body does not keep up: it leaves out a touch");
             }
         }
     }
@@ -262,7 +262,7 @@ impl LiveElasticBody {
                     learnt.waiting -= usize::from(is_new);
                     new -= usize::from(is_new);
                     shared.note(format!(
-                        "the elastic body leaves a touch out, whose sample {sample} it cannot use: {source}"
+                        "the elastic body leaves out a touch, because its sample {sample} cannot be used: {source}"
                     ));
                 }
                 Err(error) => {
@@ -274,7 +274,7 @@ impl LiveElasticBody {
 
     /// Reports an error and waits: if the thread returned, the session would end.
     fn wait_for_the_end(&self, shared: &Shared, error: &LearnError) {
-        shared.note(format!("the elastic body learns no more: {error}"));
+        shared.note(format!("the elastic body has stopped learning: {error}"));
         while shared.goes_on() {
             thread::sleep(LOOK);
         }

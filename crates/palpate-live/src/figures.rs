@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_in_contact_stand_beside_those_of_predicting_zero() {
+    fn errors_in_contact_are_given_with_those_of_predicting_zero() {
         let mut tally = SessionCounters::default();
         assert_eq!(tally.figures(0).avg_error, None);
         let mut step = |contacts, external: DVector<f64>, predicted| {

@@ -27,13 +27,17 @@ pub(crate) enum Refusal {
     #[error("the {what} of joint `{joint}` is {found}; every number must be finite")]
     NotFinite { what: &'static str, joint: String, found: f64 },
     #[error(
-        "its joints are called `{now}` and so on, those before were `{before}`: is it another arm? After a change of names, \
+        "a joint is called `{now}`, which was `{before}` in earlier messages: is it another arm? After a change of names, \
          start palpate again"
     )]
     Renamed { now: String, before: String },
-    #[error("its stamp {now_s:.6} s is that of the one before; each moment counts once")]
+    #[error(
+        "its time stamp {now_s:.6} s is that of the message before; each time stamp is used only once"
+    )]
     Duplicate { now_s: f64 },
-    #[error("its stamp {now_s:.6} s is before that of the last, {last_s:.6} s: it came late")]
+    #[error(
+        "its time stamp {now_s:.6} s is before that of the last message, {last_s:.6} s: it came late"
+    )]
     Late { now_s: f64, last_s: f64 },
 }
 
@@ -187,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_used_is_refused_by_name_and_the_next_one_read() {
+    fn an_unusable_message_is_refused_with_a_reason_and_the_next_one_is_read() {
         let mut reader = reader();
         let mut broken = |time_s, change: fn(&mut JointState)| {
             let mut state = state(time_s);
@@ -237,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn a_message_without_a_stamp_is_as_old_as_its_arrival() {
+    fn a_message_without_a_stamp_has_the_time_of_its_arrival() {
         let read = reader().read(&state(0.0), 7.5).unwrap();
         assert_eq!(read.sample.time_s, Some(7.5));
     }

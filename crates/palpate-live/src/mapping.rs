@@ -109,7 +109,7 @@ impl<'a> Mapping<'a> {
             if self.shared.tare.swap(false, Ordering::Relaxed) {
                 self.session.wait();
                 self.shared
-                    .note("a tare at the next pause, as asked: the arm must stand still, free");
+                    .note("a tare at the next pause was requested: the arm must stand still and touch nothing");
             }
             self.answer_requests();
             // Answers to questions are urgent, replays are not.
@@ -174,7 +174,8 @@ impl<'a> Mapping<'a> {
         };
         if let Some((own, called)) = self.reader.other_name().filter(|_| !self.noted_names) {
             self.noted_names = true;
-            let own_and = "joints are matched by what parts their names from each other";
+            let own_and =
+                "joints are matched by the parts of their names that differ from joint to joint";
             self.shared.note(format!("{own_and}: `{called}` is `{own}`, and so on"));
         }
         if self.session.is_dead(&read.sample) {
@@ -224,13 +225,14 @@ impl<'a> Mapping<'a> {
         if let Some(why) =
             outcome.misread.filter(|_| !std::mem::replace(&mut self.noted_misread, true))
         {
-            self.shared
-                .note(format!("the torques are perhaps read wrongly: {why} (reported once)"));
+            self.shared.note(format!(
+                "sign or gravity of the torques seems to be set wrong: {why} (reported once)"
+            ));
         }
         if let Some(fault) = outcome.fault
             && self.tally.refuse("not followed")
         {
-            self.shared.note(format!("a sample cannot be followed: {fault}"));
+            self.shared.note(format!("a sample cannot be used: {fault}"));
         }
     }
 

@@ -107,7 +107,7 @@ impl DynamicJointState {
     pub(crate) fn joint_state(self) -> Result<JointState, String> {
         let (names, values) = (self.joint_names.len(), self.interface_values.len());
         if names != values {
-            return Err(format!("it has {names} joints and the values of {values}"));
+            return Err(format!("it has the names of {names} joints and the values of {values}"));
         }
         let mut state = JointState { header: self.header, ..JointState::default() };
         for (joint, InterfaceValue { interface_names, values }) in

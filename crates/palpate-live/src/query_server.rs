@@ -129,14 +129,17 @@ impl QuerySocket {
                 };
                 let stream = Arc::new(stream);
                 let Some(asker) = askers.admit(&stream) else {
-                    let _ = send(&stream, error("too many ask at once; try again"));
+                    let _ =
+                        send(&stream, error("too many programs are connected; try again later"));
                     continue;
                 };
                 spawn(scope, "answer", move || {
                     // Errors are ignored: a client may disconnect at any time.
                     let conversation = || drop(converse(&asker, server));
                     if catch_unwind(AssertUnwindSafe(conversation)).is_err() {
-                        server.shared.note("a question was not answered, by a defect of palpate");
+                        server
+                            .shared
+                            .note("a question was not answered, because of a defect of palpate");
                     }
                 });
             }
@@ -242,7 +245,9 @@ fn converse(asker: &Client<'_>, server: &QueryServer<'_>) -> io::Result<()> {
         let room = longest.saturating_sub(line.len()) as u64;
         match reader.by_ref().take(room).read_until(b'\n', &mut line) {
             Ok(0) if room == 0 => {
-                let why = format!("a line of more than {longest} bytes; ask in pieces");
+                let why = format!(
+                    "the line has more than {longest} bytes; divide the path and ask about each part"
+                );
                 return send(stream, error(why));
             }
             Ok(0) => return Ok(()),
@@ -306,7 +311,11 @@ impl QueryServer<'_> {
         thread::Builder::new().name("path".to_owned()).spawn(work).map_err(|e| e.to_string())?;
         loop {
             match result.recv_timeout(LOOK) {
-                Ok(result) => return result.map_err(|_| "it met a defect of palpate")?,
+                Ok(result) => {
+                    return result.map_err(
+                        |_| "the question was not answered, because of a defect of palpate",
+                    )?;
+                }
                 Err(RecvTimeoutError::Timeout) if self.shared.goes_on() => {}
                 Err(_) => return Err("the session has ended".to_owned()),
             }
@@ -352,7 +361,7 @@ impl QueryServer<'_> {
             let path = checker.check(&path, &config).map_err(|error| error.to_string())?;
             let predictor = from_mapper
                 .recv_timeout(PATIENCE)
-                .map_err(|_| "the mapper has no time for an answer now; ask again")?;
+                .map_err(|_| "the mapper is too busy to answer now; ask again")?;
             let predictor = match &body {
                 Some(body) => body.with_body(predictor),
                 None => predictor,
@@ -409,7 +418,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_is_no_question_is_answered_with_an_error_and_the_next_one_read() {
+    fn an_invalid_line_is_answered_with_an_error_and_the_next_one_is_read() {
         let tare = served(|path| {
             let mut stream = BufReader::new(UnixStream::connect(path).unwrap());
             for (line, words) in [
@@ -418,9 +427,12 @@ mod tests {
                 ("{\"way\": []}\n", "unknown field `way`"),
                 ("{}\n", "neither a path nor a tare"),
                 ("\u{0}\u{1}\n", "wanted a line of JSON"),
-                ("{\"path\": [[1]], \"path_f64\": \"\"}\n", "ask about one"),
-                ("{\"path_f64\": \"{}\"}\n", "is no base64"),
-                ("{\"path_f64\": \"AAAA\"}\n", "has 3 bytes, no multiple of the 8 of a point"),
+                ("{\"path\": [[1]], \"path_f64\": \"\"}\n", "give only one"),
+                ("{\"path_f64\": \"{}\"}\n", "is not base64"),
+                (
+                    "{\"path_f64\": \"AAAA\"}\n",
+                    "has 3 bytes, which is not a multiple of the 8 bytes of a point",
+                ),
                 ("{\"path_f64\": \"\"}\n", "the path has no points"),
                 ("{\"path_f64\": \"AAAAAAAA+H8=\"}\n", "point 0 of the path"), // NaN
             ] {
@@ -434,7 +446,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_asked_nothing_for_longest_leaves_for_one_more_and_the_socket_is_its_owners() {
+    fn the_client_idle_for_longest_is_disconnected_for_a_new_one_and_the_socket_is_private() {
         use std::os::unix::fs::PermissionsExt;
         served(|path| {
             let mode = path.metadata().unwrap().permissions().mode();
@@ -452,7 +464,7 @@ mod tests {
     }
 
     #[test]
-    fn a_socket_that_was_left_behind_is_replaced_but_no_other_and_no_file() {
+    fn the_socket_of_an_ended_process_is_replaced_but_no_socket_in_use_and_no_other_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ask");
         drop(UnixListener::bind(&path).unwrap()); // its file stays

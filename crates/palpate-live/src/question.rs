@@ -84,7 +84,9 @@ impl PathRequest {
             (Some(path), None) => Ok((path.0, Form::Lists)),
             (None, Some(base64)) => Ok((path_from(&base64, n_joints)?, Form::F64)),
             (None, None) => Err("neither a path nor a tare is asked for".to_owned()),
-            (Some(_), Some(_)) => Err("both `path` and `path_f64`; ask about one".to_owned()),
+            (Some(_), Some(_)) => {
+                Err("both `path` and `path_f64` are given; give only one".to_owned())
+            }
         }
     }
 }
@@ -142,15 +144,17 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for AtMost<T> {
 fn path_from(base64: &str, n_joints: usize) -> Result<Vec<Vec<f64>>, String> {
     const WANTED: &str = "wanted the path as float64, little-endian, point by point";
     if base64.len() / 4 * 3 > MAX_POINTS * 8 * n_joints.max(1) + 2 {
-        return Err(format!("the path has more than {MAX_POINTS} points; ask in pieces"));
+        return Err(format!(
+            "the path has more than {MAX_POINTS} points; divide it and ask about each part"
+        ));
     }
     let bytes = BASE64_STANDARD.decode(base64);
-    let bytes = bytes.map_err(|error| format!("`path_f64` is no base64 ({error}); {WANTED}"))?;
+    let bytes = bytes.map_err(|error| format!("`path_f64` is not base64 ({error}); {WANTED}"))?;
     let (numbers, rest) = bytes.as_chunks::<8>();
     let n_joints = n_joints.max(1); // chunks must not be empty; a robot without joints has no path
     if !rest.is_empty() || !numbers.len().is_multiple_of(n_joints) {
         return Err(format!(
-            "`path_f64` has {} bytes, no multiple of the {} of a point of {n_joints} joints; {WANTED}",
+            "`path_f64` has {} bytes, which is not a multiple of the {} bytes of a point of {n_joints} joints; {WANTED}",
             bytes.len(),
             8 * n_joints
         ));
@@ -263,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn lists_and_bytes_say_the_same() {
+    fn lists_and_base64_hold_the_same_numbers() {
         let path = vec![vec![0.1, -1e-300, 3.0], vec![f64::MAX, 0.25, -7.5]];
         let bytes: Vec<u8> = path.concat().iter().flat_map(|number| number.to_le_bytes()).collect();
         assert_eq!(path_from(&BASE64_STANDARD.encode(bytes), 3).unwrap(), path);

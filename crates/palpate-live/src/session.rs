@@ -285,7 +285,7 @@ impl Session {
         let is_far = |more: f64, less: f64| more > MISREAD * less + MIN_MISREAD;
         if is_far(own, best) {
             self.misread = Some(format!(
-                "where the arm stands still, {own:.1} N·m of its torques are left as they are read, and {best:.1} N·m with \
+                "while the arm stands still, the residual of its torques is {own:.1} N·m, but {best:.1} N·m with \
                  --torque-sign {sign} --gravity {gravity}"
             ));
         } else if best > own + CLEARED {

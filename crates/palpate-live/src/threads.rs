@@ -147,7 +147,7 @@ impl Shared {
     fn reset(&self) -> TriggerResponse {
         let done = match &self.guard {
             Some(guard) => guard.reset(Instant::now()).map_err(|cause| cause.to_string()),
-            None => Err("there is no guard (--guard)".to_owned()),
+            None => Err("there is no guard: palpate was started without --guard".to_owned()),
         };
         TriggerResponse {
             success: done.is_ok(),
@@ -159,8 +159,7 @@ impl Shared {
     fn tare(&self) -> TriggerResponse {
         self.guard.as_ref().inspect(|guard| guard.reset_with_tare());
         self.tare.store(true, Ordering::Relaxed);
-        let message =
-            "hold the arm still, and free of the object, until it maps or the flag is down";
+        let message = "hold the arm still, without contact, until palpate maps or the flag is down";
         TriggerResponse { success: true, message: message.to_owned() }
     }
 
@@ -189,9 +188,8 @@ pub(crate) fn listen(
                 let status = listener.end();
                 shared.count(None, true);
                 ended.and_then(|why| match (why, status) {
-                    (Ended::Deaf { subscribed }, _) => {
-                        subscribed.then(|| "no joint state comes; listening anew".to_owned())
-                    }
+                    (Ended::Deaf { subscribed }, _) => subscribed
+                        .then(|| "no joint state comes; palpate subscribes again".to_owned()),
                     (Ended::Gone, Some(status)) => Some(format!(
                         "the network process has ended ({status}); another one is started"
                     )),

@@ -35,7 +35,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_due_at_once_and_then_after_each_period() {
+    fn a_timer_is_due_at_once_and_then_after_each_period() {
         let start = Instant::now();
         let mut timer = Timer::new(Duration::from_secs(2));
         let due = [0, 1, 2, 3, 3, 7].map(|s| timer.is_due(start + Duration::from_secs(s)));

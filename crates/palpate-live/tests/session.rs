@@ -59,7 +59,7 @@ fn play(session: &mut Session, samples: &[Sample]) -> Vec<StepOutcome> {
 }
 
 #[test]
-fn what_is_learnt_live_is_what_a_log_of_the_same_touches_teaches() {
+fn a_live_session_learns_the_same_field_as_a_log_of_the_same_touches() {
     let (arm, touches) = (arm(), touches(2));
     let touches: Vec<&[Sample]> = touches.iter().map(|touch| without_last_pause(touch)).collect();
     let mut live = session(&arm, 0, None);
@@ -196,7 +196,7 @@ fn an_arm_that_is_pressed_from_the_start_is_not_tared_and_nothing_is_learnt() {
 }
 
 #[test]
-fn a_session_goes_on_from_what_another_has_saved() {
+fn a_session_continues_from_the_field_that_another_one_saved() {
     let (arm, touches) = (arm(), touches(2));
     let mut first = session(&arm, 0, None);
     play(&mut first, &touches[0][..200]);
@@ -214,7 +214,7 @@ fn a_session_goes_on_from_what_another_has_saved() {
 }
 
 #[test]
-fn torques_that_count_the_other_way_are_reported_at_the_first_pause_and_no_tare() {
+fn torques_with_the_other_sign_are_reported_at_the_first_pause_and_no_tare_is_taken() {
     let (arm, touches) = (arm(), touches(1));
     let mut guarded = Guarded::new(&arm, 50.0); // more than twice the torque of gravity
     let misread = |outcomes: Vec<StepOutcome>| outcomes.into_iter().find_map(|own| own.misread);
@@ -235,7 +235,7 @@ fn torques_that_count_the_other_way_are_reported_at_the_first_pause_and_no_tare(
 }
 
 #[test]
-fn an_arm_that_jumps_back_and_forth_is_two() {
+fn positions_that_jump_back_and_forth_are_reported_as_those_of_two_drivers() {
     let (arm, touches) = (arm(), touches(1));
     let mut guarded = Guarded::new(&arm, 25.0);
     play(&mut guarded.live, &touches[0][..39]);

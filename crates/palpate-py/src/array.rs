@@ -26,7 +26,7 @@ pub(crate) fn numbers(any: &Bound<'_, PyAny>, name: &str, wanted: &str) -> PyRes
     let array = numpy.call_method1(intern!(py, "asarray"), (any,)).map_err(|error| {
         let found = any.get_type().name().map_or("something".to_owned(), |name| name.to_string());
         let message = format!(
-            "`{name}` must be an array of numbers, {wanted}; found {found} that NumPy makes none of: {error}"
+            "`{name}` must be an array of numbers, {wanted}; found {found}, which NumPy cannot convert: {error}"
         );
         if error.is_instance_of::<PyTypeError>(py) {
             PyTypeError::new_err(message)

@@ -102,7 +102,9 @@ fn nested_table_of(
     for entry in mapping.items()? {
         let (key, value): (Bound<'_, PyAny>, Bound<'_, PyAny>) = entry.extract()?;
         let Ok(key) = key.extract::<String>() else {
-            return Err(PyTypeError::new_err(format!("`{name}` has the key {key}; wanted names")));
+            return Err(PyTypeError::new_err(format!(
+                "`{name}` has the key {key}; wanted strings as keys"
+            )));
         };
         if let Some(value) = toml_of(&value, &format!("{name}.{key}"), depth + 1)? {
             table.insert(key, value);

@@ -166,7 +166,10 @@ pub(crate) fn map_elastic(
     match settings.estimator.estimator {
         Some(EstimatorKind::Elastic) | None => {}
         Some(other) => {
-            let message = format!("`estimator` is {:?}; map_elastic is for elastic", other.name());
+            let message = format!(
+                "`estimator` is {:?}; map_elastic needs the estimator \"elastic\"",
+                other.name()
+            );
             return Err(PyValueError::new_err(message).into());
         }
     }

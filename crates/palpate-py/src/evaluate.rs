@@ -76,8 +76,7 @@ pub(crate) fn evaluate<'py>(
     }
     let object = ObjectArguments { colours, viewpoint, kind: object_kind, root };
     if cloud.is_none() && object.is_given() {
-        let message =
-            "`colours`, `viewpoint`, `object_kind` and `root` are of a `cloud`, which is not given";
+        let message = "`colours`, `viewpoint`, `object_kind` and `root` belong to a `cloud`, which is not given";
         return Err(PyValueError::new_err(message).into());
     }
     let tune = tune.map_or(Ok(Tune::default()), thoroughness)?;
@@ -229,7 +228,10 @@ pub(crate) fn tune<'py>(
         return Err(PyValueError::new_err("`candidates` must be from 2 to 1000").into());
     }
     if quick && candidates.is_some() {
-        return Err(PyValueError::new_err("`quick` has its own candidates: leave one out").into());
+        return Err(PyValueError::new_err(
+            "`quick` has its own candidates: leave out `candidates` or `quick`",
+        )
+        .into());
     }
     let mut settings = settings::read(settings, sections)?;
     let robot = robot::given(py, robot, &settings.robot)?;

@@ -112,14 +112,14 @@ pub(crate) fn read(
     let Some(colours) = colours else {
         let path: PathBuf = any.extract().map_err(|_| {
             PyValueError::new_err(
-                "`cloud` holds points, and `colours`, by which parts of the object are distinguished, are \
-                 missing: wanted (N, 3) from 0 to 255, or the path of a PLY or PCD file with both",
+                "`cloud` holds points, but their `colours`, which distinguish the parts of the object, are \
+                 not given: wanted (N, 3) from 0 to 255, or the path of a PLY or PCD file with both",
             )
         })?;
         let cloud = py.detach(|| cloud::read(&path))?.cloud;
         if cloud.colours().is_none() {
             let message = format!(
-                "`{}` has points but no colours, by which parts of the object are distinguished; export it \
+                "`{}` has points but no colours, which distinguish the parts of the object; export it \
                  with red, green and blue",
                 path.display()
             );

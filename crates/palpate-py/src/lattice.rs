@@ -32,7 +32,7 @@ impl Lattice {
         let sides = counts(shape, "shape")?;
         let Ok(sides) = <[u32; 3]>::try_from(sides) else {
             return Err(
-                PyValueError::new_err("`shape` wants three counts, along x, y and z").into()
+                PyValueError::new_err("`shape` must be three counts, along x, y and z").into()
             );
         };
         Ok(Self { inner: palpate::Lattice::new(three(origin, "origin")?, spacing, sides)? })

@@ -85,9 +85,9 @@ impl Mapper {
         mut settings: Settings,
     ) -> Result<Self> {
         settings.robot.arm.clone_from(&robot.settings.arm);
-        let mapper = unshown(py, |_| {
+        let mapper = unshown(py, |progress| {
             let snapshot = resume::snapshot_of(saved, name, &settings)?;
-            resume::mapper(name, &robot.arm, snapshot)
+            resume::mapper(name, &robot.arm, snapshot, progress)
         })?;
         Self::of(mapper, robot, settings)
     }

@@ -27,8 +27,8 @@ impl<T> Shared<T> {
     pub(crate) fn take(&self, py: Python<'_>) -> PyResult<ReentrantMutexGuard<'_, RefCell<T>>> {
         if self.0.is_owned_by_current_thread() {
             return Err(PalpateError::new_err(
-                "the mapper is at work, and cannot be asked from within its own progress; take a \
-                 snapshot before, or map touch by touch",
+                "the mapper is busy, and a `progress` callback cannot use it; take a snapshot before, \
+                 or map touch by touch",
             ));
         }
         loop {

@@ -52,7 +52,7 @@ def variants(array: Any) -> dict[str, Any]:
     }
 
 
-def test_points_in_any_clothes_are_the_same_points(field: palpate.Field) -> None:
+def test_points_in_arrays_of_any_kind_are_the_same_points(field: palpate.Field) -> None:
     points = np.array(field.points[:20])
     wanted: tuple[Any, ...] = field.query(points)
     assert (wanted[0] == field.stiffness[:20]).all() and (wanted[2] == field.counts[:20]).all()
@@ -65,7 +65,7 @@ def test_points_in_any_clothes_are_the_same_points(field: palpate.Field) -> None
     assert field.query(whole)[0].tobytes() == field.query(whole.astype(float))[0].tobytes()
 
 
-def test_motions_in_any_clothes_are_the_same_motion(
+def test_motions_in_arrays_of_any_kind_are_the_same_motion(
     field: palpate.Field, robot: palpate.Robot, touch: palpate.Touch
 ) -> None:
     q = np.array(touch.q[:30])
@@ -74,7 +74,7 @@ def test_motions_in_any_clothes_are_the_same_motion(
         assert field.predict(variant, robot).tobytes() == wanted.tobytes(), name
 
 
-def test_places_that_nobody_touched_say_so(field: palpate.Field, tmp_path: Path) -> None:
+def test_untouched_and_outside_points_have_no_counts(field: palpate.Field, tmp_path: Path) -> None:
     stiffness, std, counts = field.query([[-1.0, -1.0, -1.0], [9.0, 9.0, 9.0], [np.nan, 0.0, 0.0]])
     assert stiffness[0] == field.untouched and std[0] == pytest.approx(0.76 * 1.2**1.5)
     assert np.isnan(stiffness[1:]).all() and np.isnan(std[1:]).all() and (counts == 0).all()
@@ -99,21 +99,21 @@ def test_places_that_nobody_touched_say_so(field: palpate.Field, tmp_path: Path)
         (None, TypeError, "dtype object; wanted float64"),
     ],
 )
-def test_what_is_no_array_of_points_is_refused(
+def test_an_invalid_array_of_points_is_refused(
     field: palpate.Field, wrong: Any, kind: type[Exception], message: str
 ) -> None:
     with pytest.raises(kind, match=message):
         field.query(wrong)
 
 
-def test_colours_that_are_none_are_refused_by_row(field: palpate.Field, robot: palpate.Robot) -> None:
+def test_invalid_colours_are_refused_with_their_row(field: palpate.Field, robot: palpate.Robot) -> None:
     for wrong in (300.0, -1.0, 0.5):
         message = rf"`colours` holds {wrong:g} in row 1 \(from 0\); wanted whole numbers from 0 to 255"
         with pytest.raises(ValueError, match=message):
             palpate.extrapolate(field, np.zeros((2, 3)), [[0.0] * 3, [0.0, 0.0, wrong]], robot)
 
 
-def test_samples_that_do_not_fit_are_refused_and_teach_nothing(robot: palpate.Robot) -> None:
+def test_samples_of_a_wrong_shape_are_refused_and_not_learnt(robot: palpate.Robot) -> None:
     mapper = palpate.Mapper(robot)
     good = [0.0] * 7
     with pytest.raises(palpate.PalpateError, match="begin_touch"):
@@ -134,7 +134,7 @@ def test_samples_that_do_not_fit_are_refused_and_teach_nothing(robot: palpate.Ro
     assert len(mapper.field()) == 0
 
 
-def test_touches_that_do_not_fit_themselves_are_refused() -> None:
+def test_touches_whose_arrays_differ_in_length_are_refused() -> None:
     q = np.zeros((4, 7))
     assert len(palpate.Touch(q, q.astype(np.float32), time=range(4))) == 4
     with pytest.raises(ValueError, match=r"`tau` has 3 rows; wanted \(4, 7\), as `q`"):
@@ -204,7 +204,7 @@ def test_cells_and_points_of_a_lattice_are_inverse() -> None:
     assert filled.shape == (200, 200, 200)
 
 
-def test_what_travels_to_another_process_arrives_whole(
+def test_pickled_objects_are_restored_unchanged(
     field: palpate.Field, robot: palpate.Robot, touch: palpate.Touch, plant: Path
 ) -> None:
     def sent(thing: Any) -> Any:

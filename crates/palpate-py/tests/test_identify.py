@@ -84,11 +84,11 @@ def test_needs_command_torques_are_the_commands(
         assert printed[key] == found[key], key
 
 
-def test_logs_that_cannot_serve_say_why(touches: list[palpate.Touch]) -> None:
+def test_logs_that_cannot_be_identified_from_are_refused_with_the_reason(touches: list[palpate.Touch]) -> None:
     still = palpate.Touch(np.zeros((100, 7)), np.ones((100, 7)), time=np.arange(100) / 50.0)
     with pytest.raises(palpate.PalpateError, match="no joint moves"):
         palpate.identify(still, progress=False, touch=TORQUES)
-    with pytest.raises(palpate.PalpateError, match="hold no gravity"):
+    with pytest.raises(palpate.PalpateError, match="contain no gravity"):
         palpate.identify(touches, progress=False, touch={"torque_sign": "plus", "gravity": "removed"})
     with pytest.raises(palpate.PalpateError, match="no joint moves a link `nowhere`"):
         palpate.identify(touches, tool_link="nowhere", progress=False, touch=TORQUES)

@@ -65,7 +65,7 @@ def test_touches_in_memory_are_inspected(touch: palpate.Touch, robot: palpate.Ro
     assert inspection["log"]["reading"]["torque_sign"] == "minus"
 
 
-def test_what_looks_wrong_is_a_warning_and_if_strict_an_error(
+def test_a_log_that_looks_wrong_raises_a_warning_and_if_strict_an_error(
     touch: palpate.Touch, robot: palpate.Robot
 ) -> None:
     turned = palpate.Touch(touch.q, -touch.tau, touch.name, touch.time, touch.joint_names)

@@ -139,14 +139,14 @@ def test_needs_datasets_a_data_set_is_read_by_its_names_and_annotated_for_its_ow
         assert lines[1]["stats"]["observation.external_torque"]["count"] == [len(touches[1][0])]
 
 
-def test_needs_datasets_what_is_no_data_set_or_would_be_replaced_is_refused(plant: Path, tmp_path: Path) -> None:
+def test_needs_datasets_a_missing_data_set_or_an_existing_target_is_refused(plant: Path, tmp_path: Path) -> None:
     with pytest.raises(palpate.FileError, match="info.json` does not exist"):
         annotate(plant, tmp_path / "out")
     source = tmp_path / "source"
     data_set(plant, source, "v3.0")
     with pytest.raises(palpate.FileError, match="is there already"):
         annotate(source, source)
-    with pytest.raises(palpate.FileError, match="part of what it is made from"):
+    with pytest.raises(palpate.FileError, match="inside its source data set"):
         annotate(source, source / "data/out")
     with pytest.raises(palpate.FileError, match="not those that were read"):
         annotate(source, tmp_path / "out", settings={"log": {"split_idle": True, "idle_s": 0.2}})

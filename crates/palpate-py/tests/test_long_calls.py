@@ -84,7 +84,7 @@ def test_progress_is_reported_and_may_stop_the_work(
         mapper.map(plant, progress=3)  # type: ignore[arg-type]
 
 
-def test_a_stretch_of_work_has_one_bar(
+def test_a_call_shows_one_progress_bar(
     robot: palpate.Robot, plant: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bars: list[tuple[str, int]] = []
@@ -105,9 +105,9 @@ def test_a_stretch_of_work_has_one_bar(
     assert bars == []
 
 
-def test_progress_cannot_ask_the_mapper_that_is_at_work(robot: palpate.Robot, plant: Path) -> None:
+def test_a_progress_callback_cannot_use_the_mapper_at_work(robot: palpate.Robot, plant: Path) -> None:
     mapper = palpate.Mapper(robot)
-    with pytest.raises(palpate.PalpateError, match="from within its own progress"):
+    with pytest.raises(palpate.PalpateError, match="a `progress` callback cannot use it"):
         mapper.map(plant / "seq_000", progress=lambda done, steps: mapper.field())
 
 
@@ -124,7 +124,7 @@ def test_threads_take_turns(robot: palpate.Robot, plant: Path) -> None:
     assert mapper.field().stiffness.tobytes() == alone.field().stiffness.tobytes()
 
 
-def test_an_answer_knows_where_it_knows_little(
+def test_an_answer_has_the_uncertainty_and_the_contacts_of_each_point(
     mapped: tuple[palpate.Mapper, object], touch: palpate.Touch
 ) -> None:
     answer = mapped[0].ask(touch.q[::8])

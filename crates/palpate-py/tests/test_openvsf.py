@@ -51,7 +51,7 @@ def learnt(robot: palpate.Robot, plant: Path) -> palpate.Field:
 
 
 @pytest.mark.parametrize("name", ["prior.npz", "prior"])
-def test_springs_on_a_lattice_come_in_as_they_are(name: str) -> None:
+def test_springs_on_a_lattice_are_read_unchanged(name: str) -> None:
     field, wanted = openvsf.load(DATA / name), written(DATA / name)
     assert field.lattice == palpate.Lattice(wanted["points"].min(axis=0), 0.02, [6, 5, 4])
     assert np.abs(field.points - wanted["points"]).max() < 1e-12
@@ -79,8 +79,8 @@ def test_an_estimated_k_std_is_a_variance_unless_said_otherwise() -> None:
 
 
 @pytest.mark.parametrize("name", ["box.npz", "diag_ekf.npz", "scattered.npz"])
-def test_springs_on_no_lattice_move_but_stay_as_many_newtons_per_metre(name: str) -> None:
-    with pytest.warns(palpate.PalpateWarning, match="were moved to a lattice of one every"):
+def test_springs_on_no_lattice_are_moved_and_their_total_stiffness_is_kept(name: str) -> None:
+    with pytest.warns(palpate.PalpateWarning, match="were moved to a lattice with a spacing of"):
         field = openvsf.load(DATA / name)
     wanted = written(DATA / name)
     points, stiffness = wanted["points"].astype(float), wanted["K"].astype(float)
@@ -111,7 +111,7 @@ def test_springs_in_one_cell_add_up() -> None:
 
 
 @pytest.mark.filterwarnings("ignore::palpate.PalpateWarning")
-def test_a_lattice_or_a_spacing_that_is_asked_for_is_taken() -> None:
+def test_a_given_lattice_or_spacing_is_used() -> None:
     lattice = palpate.Lattice([0.3, -0.2, 0.2], 0.03, [14, 14, 12])
     for name in ("scattered.npz", "prior"):
         assert openvsf.load(DATA / name, lattice=lattice).lattice == lattice
@@ -120,7 +120,7 @@ def test_a_lattice_or_a_spacing_that_is_asked_for_is_taken() -> None:
         openvsf.load(DATA / "scattered.npz", lattice=palpate.Lattice([0, 0, 0], 0.02, [5, 5, 5]))
     with pytest.raises(ValueError, match="not both"):
         openvsf.load(DATA / "prior", lattice=lattice, spacing=0.03)
-    with pytest.raises(ValueError, match="every 1e-09 m makes"):
+    with pytest.raises(ValueError, match="a spacing of 1e-09 m makes"):
         openvsf.load(DATA / "scattered.npz", spacing=1e-9)
     with pytest.raises(ValueError, match="`spacing` is -1"):
         openvsf.load(DATA / "prior", spacing=-1.0)
@@ -129,10 +129,10 @@ def test_a_lattice_or_a_spacing_that_is_asked_for_is_taken() -> None:
 
 
 @pytest.mark.filterwarnings("ignore::palpate.PalpateWarning")
-def test_what_a_solver_leaves_below_zero_is_zero() -> None:
+def test_small_negative_stiffness_is_a_rounding_error_and_becomes_zero() -> None:
     wanted = written(DATA / "quad_prog.npz")["K"]
     assert wanted.min() < 0.0
-    warning = rf"`K` are negative, down to {wanted.min():.3g} N/m: a solver's zeros"
+    warning = rf"`K` are negative, down to {wanted.min():.3g} N/m: rounding errors of a solver"
     with pytest.warns(palpate.PalpateWarning, match=warning):
         field = openvsf.load(DATA / "quad_prog.npz")
     assert field.stiffness.min() == 0.0
@@ -140,7 +140,7 @@ def test_what_a_solver_leaves_below_zero_is_zero() -> None:
 
 
 @pytest.mark.parametrize("ending", [".npz", "/"])
-def test_a_field_goes_out_and_comes_back_as_it_was(
+def test_a_field_written_and_read_again_is_unchanged(
     learnt: palpate.Field, touch: palpate.Touch, tmp_path: Path, ending: str
 ) -> None:
     path = f"{tmp_path / 'field'}{ending}"
@@ -157,7 +157,7 @@ def test_a_field_goes_out_and_comes_back_as_it_was(
 
 
 @pytest.mark.parametrize("ending", [".npz", "/"])
-def test_what_openvsf_saves_again_is_still_known_to_hold_a_std(
+def test_k_std_is_still_a_std_after_openvsf_saves_the_field_again(
     learnt: palpate.Field, touch: palpate.Touch, tmp_path: Path, ending: str
 ) -> None:
     openvsf.save(learnt, f"{tmp_path / 'field'}{ending}")
@@ -247,7 +247,7 @@ def test_a_name_without_ending_is_refused(learnt: palpate.Field, tmp_path: Path)
 
 
 @pytest.mark.parametrize("ending", [".npz", "/"])
-def test_a_whole_box_has_what_is_expected_of_every_cell(
+def test_a_whole_box_holds_the_prior_of_untouched_cells(
     robot: palpate.Robot, plant: Path, tmp_path: Path, ending: str
 ) -> None:
     lattice = palpate.Lattice([0.2, -0.1, 0.4], 0.03, [8, 9, 7])
@@ -318,7 +318,7 @@ def archive(path: Path, **members: bytes | None) -> Path:
     return path
 
 
-def test_old_pickles_are_followed(tmp_path: Path) -> None:
+def test_old_pickles_are_read(tmp_path: Path) -> None:
     wanted = openvsf.load(archive(tmp_path / "new.npz"))
     features = np.array({"K_std": GRID["K_std"], "N_obs": GRID["N_obs"]}, dtype=object)
     for protocol in (0, 1, 2, 3, 5):
@@ -333,12 +333,12 @@ def test_a_pickle_that_runs_something_is_refused_and_not_run(tmp_path: Path) -> 
     trace = tmp_path / "trace"
     for held in (Malice(trace), np.array({"K_std": Malice(trace)}, dtype=object)):
         path = archive(tmp_path / "bad.npz", features=pickled(held))
-        with pytest.raises(palpate.FileError, match="`features` is a pickle that is not followed"):
+        with pytest.raises(palpate.FileError, match="`features` is a pickle that palpate does not read"):
             openvsf.load(path)
     for call in (b"cos\nsystem\n(S'touch x'\ntR.", b"cbuiltins\neval\n(S'1'\ntR.", b"cnumpy\nload\n."):
         header = pickled(None)[:-4]
         path = archive(tmp_path / "bad.npz", features=header + call)
-        with pytest.raises(palpate.FileError, match=r"it wants to call|not followed"):
+        with pytest.raises(palpate.FileError, match=r"it wants to call|does not read"):
             openvsf.load(path)
     objects = np.array([Malice(trace)], dtype=object)
     with pytest.raises(palpate.FileError, match="`K` holds Python objects"):
@@ -371,7 +371,7 @@ BAD: list[tuple[dict[str, bytes | None], str]] = [
     ({"K": with_value(GRID["K"], np.nan)}, r"`K` holds nan in row 4 \(from 0\)"),
     ({"K": with_value(GRID["K"], np.inf)}, "`K` holds inf in row 4"),
     ({"points": with_value(GRID["points"], np.nan)}, r"`points` holds \[.*nan.*\] in row 1"),
-    ({"K": with_value(GRID["K"], -1.0)}, "negative, down to -1 N/m: no solver's zeros"),
+    ({"K": with_value(GRID["K"], -1.0)}, "negative, down to -1 N/m: too far below 0"),
     ({"points": with_value(GRID["points"], 1e20)}, r"`points` reach 1e\+20 m"),
     ({"K": member(GRID["K"].astype("U"))}, "`K` is of <U.*; wanted an array of numbers"),
     ({"K": member(GRID["K"] * 1j)}, "`K` is of complex128"),
@@ -381,11 +381,11 @@ BAD: list[tuple[dict[str, bytes | None], str]] = [
     ({"K": member(GRID["K"]) + b"more"}, "`K` is longer than its shape"),
     ({"K": lengthened(GRID["K"], 10**12)}, r"`K` says it has shape \(1000000000000,\)"),
     ({"axis_mode": member("anisotropic")}, "axis_mode 'anisotropic' and `K` of shape"),
-    ({"K": member(np.ones((N, 3, 3)))}, rf"`K` of shape \({N}, 3, 3\); palpate's springs resist alike"),
+    ({"K": member(np.ones((N, 3, 3)))}, rf"`K` of shape \({N}, 3, 3\); palpate's springs are equally stiff"),
     ({"features": member(np.zeros(3))}, "`features` is an array of float64; wanted a dict"),
     ({"features": member(np.array([1, None]))}, "`features` holds Python objects"),
     ({"features": pickled([1, 2])}, "`features` holds NoneType; wanted a dict|holds list"),
-    ({"features": pickled(None)[:-1]}, "`features` is a pickle that is not followed"),
+    ({"features": pickled(None)[:-1]}, "`features` is a pickle that palpate does not read"),
     ({"features": features(K_std=GRID["K_std"][1:])}, rf"`K_std` has shape \({N - 1},\)"),
     ({"features": features(K_std=[1.0] * N)}, "`K_std` is of list; wanted an array of numbers"),
     ({"features": features(K_std=-GRID["K_std"])}, "`K_std` holds -.*; wanted none below 0"),
@@ -426,7 +426,7 @@ def damaged(path: Path) -> None:
         (lambda path: None, "is not there"),
     ],
 )
-def test_a_file_that_is_none_is_refused(
+def test_a_broken_or_missing_file_is_refused(
     tmp_path: Path, make: Callable[[Path], object], message: str
 ) -> None:
     make(tmp_path / "bad.npz")
@@ -434,11 +434,11 @@ def test_a_file_that_is_none_is_refused(
         openvsf.load(tmp_path / "bad.npz")
 
 
-def test_springs_that_differ_by_direction_are_refused_with_a_way_out() -> None:
+def test_springs_that_differ_by_direction_are_refused_with_a_remedy() -> None:
     with pytest.raises(palpate.FileError, match=r"axis_mode 'axis_aligned'.*mean over its axes"):
         openvsf.load(DATA / "axis_aligned.npz")
     live = vsf_of(GRID | {"K": np.ones((N, 3))})
-    with pytest.raises(ValueError, match="resist alike in all directions"):
+    with pytest.raises(ValueError, match="equally stiff in all directions"):
         openvsf.from_point_vsf(live)
 
 

@@ -146,7 +146,7 @@ def config(tmp_path: Path, dataset: Path) -> Path:
     return path
 
 
-def test_a_configuration_says_the_same_to_palpate(config: Path) -> None:
+def test_a_configuration_becomes_the_same_settings_of_palpate(config: Path) -> None:
     study = openvsf.read_config(config)
     assert study.robot.n_joints == 7 and study.path == config
     assert names(study.train) == ["seq_10", "seq_0", "seq_2"]
@@ -172,12 +172,12 @@ def test_a_prior_is_that_of_the_cells_as_they_are(config: Path) -> None:
     assert stiffness == pytest.approx(0.8) and std == pytest.approx(4.0)
 
 
-def test_what_has_no_counterpart_is_noted(config: Path) -> None:
+def test_settings_without_a_counterpart_are_noted(config: Path) -> None:
     notes = "\n".join(openvsf.read_config(config).notes)
     for note in (
         "`world.bubble` moves with `EndEffector_Link`: add it to the URDF",
         "Sensor `bubble_pressure` (PunyoPressureSensor of `bubble`) has no counterpart",
-        "The tare of `bubble_pressure` goes with its sensor",
+        "The tare of `bubble_pressure` is ignored",
         "Of the data set, `sim_torques`, `pressure`, `bubble_points` are not read.",
     ):
         assert note in notes
@@ -188,7 +188,7 @@ def test_what_has_no_counterpart_is_noted(config: Path) -> None:
         "`quad_prog` becomes `map`: `map` finds the same optimum",
         "`estimator.batch_size` has no counterpart",
         "`estimator.down_sample_rate` has no counterpart",
-        "The prior `linear_gaussian` of features is taken",
+        "The prior `linear_gaussian` depends on features",
     ):
         assert note in notes
 
@@ -225,7 +225,7 @@ def test_points_that_do_not_slide_stick(config: Path) -> None:
     assert over["contact"]["slip_iterations"] == 10 and over["contact"]["friction"] == 0.4
 
 
-def test_arguments_go_before_the_file(config: Path, dataset: Path, tmp_path: Path) -> None:
+def test_arguments_override_the_file(config: Path, dataset: Path, tmp_path: Path) -> None:
     elsewhere = tmp_path / "elsewhere"
     dataset.rename(elsewhere)
     with pytest.raises(palpate.FileError, match=r"`dataset\.path` is .*not there; give `data_dir`"):
@@ -276,7 +276,7 @@ def test_json_is_read_as_yaml_is(config: Path, tmp_path: Path) -> None:
     assert names(read.train) == ["seq_10"] and read.test is None and read.settings == {}
 
 
-def test_a_datasets_section_alone_will_do(config: Path, tmp_path: Path, dataset: Path) -> None:
+def test_a_section_of_a_dataset_alone_is_enough(config: Path, tmp_path: Path, dataset: Path) -> None:
     keys = openvsf.read_config(tmp_path / "parts/keys.yaml", data_dir=dataset)
     assert names(keys.train) == [f"seq_{n}" for n in AS_TEXT] and keys.settings == {}
     assert "The file names no robot: palpate's kinova_gen3 is taken." in keys.notes
@@ -308,18 +308,18 @@ def test_a_datasets_section_alone_will_do(config: Path, tmp_path: Path, dataset:
         ("[2, 0, 4]", "[2, zero]", "train_sequences` is .*; wanted a list of whole numbers"),
         ("type: quasistatic", "type: dynamic", "`simulator.type` is not `quasistatic`"),
         ("{gen3: angles}", "{gen3: pressure}", r"keys\.pressure` is 1; wanted 7, the positions"),
-        ("arm_torques: torques", "arm_torques: tau", r"keys\.tau` is not there, though it is to hold"),
+        ("arm_torques: torques", "arm_torques: tau", r"keys\.tau` is missing; it must hold"),
         ("path: !relative_path touches", "type: file_loader", "stack them into angles.npy and torques"),
         ("parts/torques.yaml", "parts/none.yaml", r"none\.yaml`, which `.*study\.yaml` includes, cannot"),
         ("parts/torques.yaml", "study.yaml", "the configuration includes itself"),
         ("world: !include parts/arm.yaml", "world: 3", "`world` is 3; wanted keys with their values"),
-        ("friction_mu: 0.4", "friction_mu: [", r"study\.yaml` is no YAML that is read: .*line"),
-        ("friction_mu: 0.4", "friction_mu: !!python/name:os.system", "is no YAML that is read"),
-        ("[0.7, 0.3, 0.8]]", "[0.7, 0.3]]", r"bbox` or the pose is no box or 4 x 4"),
+        ("friction_mu: 0.4", "friction_mu: [", r"study\.yaml` is no YAML that palpate reads: .*line"),
+        ("friction_mu: 0.4", "friction_mu: !!python/name:os.system", "is no YAML that palpate reads"),
+        ("[0.7, 0.3, 0.8]]", "[0.7, 0.3]]", r"bbox` is not a box of 2 x 3 numbers, or the pose"),
         ("!include parts/torques.yaml", "{type: PunyoDenseForceSensor}", "has 0 sensors of the robot's"),
     ],
 )
-def test_what_cannot_be_followed_is_reported_by_file_and_key(
+def test_invalid_settings_are_reported_with_file_and_key(
     config: Path, old: str, new: str, message: str
 ) -> None:
     changed(config, old, new)
@@ -364,13 +364,13 @@ def test_files_of_other_kinds_are_refused(tmp_path: Path) -> None:
     with pytest.raises(palpate.FileError, match=r"a\.json` is no JSON: Expecting"):
         openvsf.read_config(tmp_path / "a.json")
     (tmp_path / "a.yaml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(palpate.FileError, match=r"a\.yaml` cannot be read: it is no text"):
+    with pytest.raises(palpate.FileError, match=r"a\.yaml` cannot be read: it is not a text file"):
         openvsf.read_config(tmp_path / "a.yaml")
     with pytest.raises(palpate.FileError, match=r"b\.yaml` cannot be read: No such file"):
         openvsf.read_config(tmp_path / "b.yaml")
 
 
-def test_what_yaml_names_often_is_read_once(tmp_path: Path) -> None:
+def test_yaml_aliases_are_resolved_once(tmp_path: Path) -> None:
     levels = [f"a{n}: &a{n} [*a{n - 1}, *a{n - 1}]" for n in range(1, 60)]
     file = tmp_path / "config.yaml"
     file.write_text("\n".join(["a0: &a0 [1]", *levels]))

@@ -65,7 +65,7 @@ def test_every_line_of_the_page_runs(
         exec(f"{inline}{fewer})", names)
 
 
-def test_everything_that_is_offered_is_on_the_page() -> None:
+def test_every_public_name_is_on_the_page() -> None:
     for name in openvsf.__all__:
         assert getattr(openvsf, name).__doc__
         assert name in PAGE.read_text(), name

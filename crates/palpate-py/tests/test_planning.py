@@ -118,7 +118,7 @@ def test_work_is_that_of_the_torques_along_the_path(predictor: palpate.PathPredi
     assert cost.cost(pushes[0]) == pytest.approx(work)
 
 
-def test_refusals_say_what_was_wanted(predictor: palpate.PathPredictor) -> None:
+def test_errors_say_what_was_wanted(predictor: palpate.PathPredictor) -> None:
     cost, q = FieldCost(predictor), np.zeros(7)
     for wrong, said in (
         (np.zeros((3, 6)), r"\(3, 6\); wanted one path, \(P, 7\)"),
@@ -143,7 +143,7 @@ def test_refusals_say_what_was_wanted(predictor: palpate.PathPredictor) -> None:
         plan(cost, q, q + 1, np.tile([-0.5, 0.5], (7, 1)))
 
 
-def test_a_view_empties_what_was_seen_through_and_fills_what_was_hidden(field: palpate.Field) -> None:
+def test_a_view_removes_cells_in_front_of_the_cloud_and_adds_hidden_cells(field: palpate.Field) -> None:
     eye, wall = np.array([-1.0, 0.0, 0.4]), np.array([[0.5, y, z] for y in FINE for z in 0.4 + FINE])
     view = with_view(field, wall, eye)
     depth = field.points[:, 0] - 0.5
@@ -211,7 +211,7 @@ def test_needs_ompl_a_motion_back_has_a_cost_of_its_own(
     assert there != back and not target.isSymmetric()
 
 
-def test_needs_ompl_what_is_valid_is_what_keeps_to_the_limit(
+def test_needs_ompl_a_state_is_valid_if_its_torque_keeps_to_the_limit(
     space: Any, predictor: palpate.PathPredictor, pushes: list[Array]
 ) -> None:
     si, state = space

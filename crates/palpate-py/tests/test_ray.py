@@ -65,7 +65,7 @@ def test_processes_find_what_one_call_does_however_folds_are_shared_out(
     assert steps == [(done, 8) for done in range(1, 9)]
 
 
-def test_what_is_kept_is_not_done_again(
+def test_kept_results_are_not_computed_again(
     logs: dict[str, Path], here: Here, tmp_path: Path
 ) -> None:
     def evaluate() -> Iterator[palpate.ray.Run[Evaluation]]:
@@ -155,7 +155,7 @@ def test_tuning_many_is_tuning_each(logs: dict[str, Path], robot: palpate.Robot)
         (lambda: palpate.ray.evaluate(["a"], threads=0), ValueError, "threads"),
     ],
 )
-def test_what_cannot_be_followed_is_reported_at_once(ask: Any, error: type[Exception], words: str) -> None:
+def test_invalid_arguments_are_reported_at_once(ask: Any, error: type[Exception], words: str) -> None:
     with pytest.raises(error, match=words):
         ask()
 

@@ -76,7 +76,7 @@ def test_a_map_is_the_same_from_a_path_a_log_touches_or_steps(plant: Path, robot
         assert field.cells.tobytes() == fields[0].cells.tobytes()
 
 
-def test_saved_loaded_continued_is_never_stopped(
+def test_a_saved_and_loaded_mapper_continues_as_if_never_interrupted(
     plant: Path, robot: palpate.Robot, tmp_path: Path
 ) -> None:
     whole = palpate.Mapper(robot)
@@ -256,7 +256,7 @@ def test_needs_command_quick_tuning_chooses_the_same_in_map_and_evaluate(
     assert ours["methods"][0]["avg_error"] == theirs["methods"][0]["avg_error"]
     with pytest.raises(ValueError, match='wanted a bool or "quick"'):
         palpate.evaluate(logs, robot, tune="slow")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="leave one out"):
+    with pytest.raises(ValueError, match="leave out `candidates` or `quick`"):
         palpate.tune(logs, robot, quick=True, candidates=3)
 
 

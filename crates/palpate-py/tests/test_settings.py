@@ -31,7 +31,7 @@ def test_a_lattice_is_its_section(robot: palpate.Robot) -> None:
     assert palpate.Mapper(robot, settings={"lattice": lattice}).field().lattice == lattice
 
 
-def test_defaults_are_given_and_mean_themselves(robot: palpate.Robot) -> None:
+def test_default_settings_give_the_default_configuration(robot: palpate.Robot) -> None:
     defaults = palpate.default_settings()
     assert palpate.Mapper(robot, settings=defaults).config == palpate.Mapper(robot).config
     assert palpate.default_settings(contact={"friction": 0.5})["contact"]["friction"] == 0.5
@@ -58,14 +58,14 @@ def test_the_typed_settings_are_those_of_the_module() -> None:
         (3, TypeError, "wanted the path of a TOML file"),
     ],
 )
-def test_settings_that_mean_nothing_are_refused(
+def test_unknown_and_invalid_settings_are_refused(
     robot: palpate.Robot, settings: Any, kind: type[Exception], message: str
 ) -> None:
     with pytest.raises(kind, match=message):
         palpate.Mapper(robot, settings=settings)
 
 
-def test_what_holds_itself_is_refused(robot: palpate.Robot) -> None:
+def test_a_list_or_dict_that_contains_itself_is_refused(robot: palpate.Robot) -> None:
     settings: dict[str, Any] = {}
     settings["map"] = settings
     with pytest.raises(ValueError, match="does it hold itself"):
@@ -79,11 +79,11 @@ def test_what_holds_itself_is_refused(robot: palpate.Robot) -> None:
 def test_unknown_methods_are_refused(robot: palpate.Robot, plant: Path) -> None:
     with pytest.raises(ValueError, match='wanted "map" or "ekf"'):
         palpate.Mapper(robot, "magic")
-    with pytest.raises(ValueError, match="there are elastic, map, ekf"):
+    with pytest.raises(ValueError, match="wanted one of elastic, map, ekf"):
         palpate.evaluate(plant, robot, methods=["magic"])
 
 
-def test_what_looks_wrong_is_a_warning(robot: palpate.Robot, touch: palpate.Touch) -> None:
+def test_a_log_that_looks_wrong_raises_a_warning(robot: palpate.Robot, touch: palpate.Touch) -> None:
     far = palpate.Lattice([5.0, 5.0, 5.0], 0.02, [10, 10, 10])
     with pytest.warns(palpate.PalpateWarning, match=r"no_contact.*nothing to learn"):
         palpate.Mapper(robot, lattice=far).map(touch)

@@ -34,7 +34,7 @@ def test_docstrings_of_the_stub_are_those_of_the_module() -> None:
                 assert docstring, f"{node.name}.{item.name} says nothing"
 
 
-def test_everything_that_is_offered_is_there() -> None:
+def test_every_public_name_exists_and_has_a_docstring() -> None:
     assert sorted(palpate.__all__) == palpate.__all__
     for name in palpate.__all__:
         assert getattr(palpate, name).__doc__

@@ -76,7 +76,7 @@ def test_needs_submitit_its_jobs_do_the_tasks(logs: dict[str, Path], found: Any,
     assert rows(evaluate(logs, executor)) == found
 
 
-def test_waiting_for_what_never_ends_is_an_error(
+def test_a_task_that_never_ends_is_an_error_after_the_timeout(
     logs: dict[str, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(_workers, "LOOK_S", 0.1)
@@ -87,7 +87,7 @@ def test_waiting_for_what_never_ends_is_an_error(
 
 
 @pytest.mark.parametrize("raised", [MemoryError(), RuntimeError("x"), type("PanicException", (BaseException,), {})("index")])
-def test_whatever_a_task_ends_in_the_others_go_on(
+def test_other_tasks_go_on_whatever_exception_a_task_raises(
     logs: dict[str, Path], found: Any, raised: BaseException, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails_once(*arguments: Any, **keywords: Any) -> Evaluation:
@@ -97,7 +97,7 @@ def test_whatever_a_task_ends_in_the_others_go_on(
     monkeypatch.setattr(_tasks, "evaluate", fails_once)
     first, second = evaluate(logs, Here())
     assert first.result is None and first.error
-    wanted = "not enough memory" if isinstance(raised, MemoryError) else f"please report it: {type(raised).__name__}"
+    wanted = "not enough memory" if isinstance(raised, MemoryError) else f"report this line: {type(raised).__name__}"
     assert wanted in first.error
     assert second.get()["methods"] == found["two", "0"]
 
@@ -111,7 +111,7 @@ def test_a_log_that_is_gone_ends_its_own_run_alone(logs: dict[str, Path], found:
     assert there.get()["methods"] == found["two", "0"]
 
 
-def test_a_kept_file_is_damaged_and_done_again_wherever_it_is_damaged(tmp_path: Path) -> None:
+def test_a_kept_file_damaged_anywhere_is_recognised_and_computed_again(tmp_path: Path) -> None:
     result: dict[str, Any] = {"a": np.arange(50.0), "b": ["x", 1.5]}
     outcome = _tasks.Outcome(result, None, 1.0, ["w"])
     kept, path = Kept(tmp_path), tmp_path / "key.npz"
@@ -130,7 +130,7 @@ def test_a_kept_file_is_damaged_and_done_again_wherever_it_is_damaged(tmp_path: 
     assert lost > len(whole)
 
 
-def test_another_build_does_not_take_what_is_kept_and_does_no_task(
+def test_another_build_does_not_use_kept_results_and_refuses_tasks(
     logs: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def seconds() -> list[float]:
@@ -148,7 +148,7 @@ def test_another_build_does_not_take_what_is_kept_and_does_no_task(
     assert _tasks.do(task).error is None, "a wheel for another machine is another build"
 
 
-def test_a_worker_of_other_threads_says_so(logs: dict[str, Path]) -> None:
+def test_a_worker_with_another_number_of_threads_reports_it(logs: dict[str, Path]) -> None:
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as executor:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -175,7 +175,7 @@ def test_as_many_processes_as_the_control_group_has_cpus() -> None:
         group.rmdir()
 
 
-def test_a_log_is_read_and_followed_once_for_many_settings(logs: dict[str, Path], tmp_path: Path) -> None:
+def test_a_log_is_read_and_processed_once_for_many_settings(logs: dict[str, Path], tmp_path: Path) -> None:
     log = tmp_path / "log"
     shutil.copytree(logs["two"], log)
     keywords: dict[str, Any] = {"methods": ["map"], "tune": False}
@@ -213,7 +213,7 @@ def test_needs_ray_large_files_are_sent_to_other_computers_only(
         assert run.error is not None and "was not sent to it" in run.error
 
 
-def test_what_is_reused_is_of_the_same_log_the_same_options_and_the_same_robot(
+def test_a_log_is_reused_only_with_the_same_options_and_the_same_robot(
     logs: dict[str, Path], robot: palpate.Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened = {"rad": palpate.open_log(logs["two"]), "deg": palpate.open_log(logs["two"], angle_unit="deg")}
@@ -246,7 +246,7 @@ def test_a_log_in_linked_folders_is_seen_whole(logs: dict[str, Path], tmp_path: 
     ("keywords", "error", "words"),
     [({"cluster": 5}, TypeError, "has `submit`"), ({"timeout": -1.0}, ValueError, "more than 0 s")],
 )
-def test_what_cannot_be_followed_is_reported_before_any_work(
+def test_invalid_arguments_are_reported_before_any_work(
     logs: dict[str, Path], keywords: dict[str, Any], error: type[Exception], words: str
 ) -> None:
     with pytest.raises(error, match=words):

@@ -114,7 +114,7 @@ pub enum ViewError {
     #[error("no Rerun viewer answers at `{url}`: {reason}")]
     NoAnswer { url: String, reason: String },
     /// The viewer closed before it had received everything.
-    #[error("the Rerun viewer at `{url}` did not take everything: {reason}")]
+    #[error("the Rerun viewer at `{url}` did not receive everything: {reason}")]
     Lost { url: String, reason: String },
     /// The file cannot be written.
     #[error("the recording cannot be written: {0}")]

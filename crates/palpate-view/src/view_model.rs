@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_only_expected_is_not_drawn() {
+    fn cells_that_were_never_touched_are_not_drawn() {
         let mut field = field(vec![100.0, 90.0]);
         field.counts[0] = 0;
         let scale = scale(&field);
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn a_field_of_nothing_draws_nothing() {
+    fn an_empty_field_draws_nothing() {
         let (soft, empty) = (field(vec![0.0; 5]), field(Vec::new()));
         let scale = Scale::default();
         assert_eq!(

@@ -24,7 +24,7 @@ const SETTINGS: &str = "XDG_CONFIG_HOME";
 #[allow(missing_docs)] // the messages name the fields
 pub enum StartError {
     /// The command `rerun` is not installed.
-    #[error("there is no command `rerun` in PATH, which is the viewer")]
+    #[error("there is no command `rerun` (the viewer) in PATH")]
     Missing,
     /// Its usage statistics could not be switched off.
     #[error(
@@ -64,8 +64,9 @@ pub fn start(settings: &Path) -> Result<String, StartError> {
 /// Writes the setting; fails with [`StartError::Missing`] if there is no viewer.
 fn switch_statistics_off(rerun: &OsStr, settings: &Path) -> Result<(), StartError> {
     let refused = |reason: String| StartError::Statistics { reason };
-    std::fs::create_dir_all(settings)
-        .map_err(|error| refused(format!("has no folder `{}`: {error}", settings.display())))?;
+    std::fs::create_dir_all(settings).map_err(|error| {
+        refused(format!("needs the folder `{}`, which cannot be made: {error}", settings.display()))
+    })?;
     let off = Command::new(rerun)
         .args(["analytics", "disable"])
         .env(SETTINGS, settings)

@@ -223,7 +223,7 @@ impl Write for Full {
 }
 
 #[test]
-fn a_full_disk_is_an_error_of_the_call_that_met_it() {
+fn a_full_disk_is_an_error_of_the_call_that_writes() {
     for room in [0, 20_000, 60_000] {
         let mut out = Full(room);
         let result = Recording::to_file(&mut out, &scene()).and_then(|mut recording| {
@@ -238,7 +238,7 @@ fn a_full_disk_is_an_error_of_the_call_that_met_it() {
 }
 
 #[test]
-fn an_address_that_is_none_and_a_viewer_that_is_not_there_are_named() {
+fn an_invalid_address_and_a_missing_viewer_are_named() {
     let refused = |url: &str| Recording::to_viewer(url, &scene()).err().unwrap().to_string();
     for url in ["", "nonsense", "http://127.0.0.1:9876", "rerun+http://127.0.0.1:9876/other"] {
         let said = refused(url);

@@ -51,7 +51,9 @@ pub fn or_urdf(
 ) -> Result<TorqueModel, WorkError> {
     if let Some(model) = of(settings, robot)? {
         if settings.payload_mass_kg.is_some() {
-            progress.note("--payload-mass-kg has no effect beside --arm, whose masses hold");
+            progress.note(
+                "--payload-mass-kg has no effect with --arm: the masses of that file are used",
+            );
         }
         return Ok(model);
     }
@@ -83,8 +85,8 @@ fn read(path: &Path, robot: &Robot) -> Result<TorqueModel, WorkError> {
         Some(VERSION) => {}
         found => {
             let found = found.map_or("none".to_owned(), |version| version.to_string());
-            let wanted = format!("version {VERSION} of a file of `palpate identify` is wanted");
-            return Err(wrong(&format!("{wanted}, and it has {found}: identify the arm again")));
+            let wanted = format!("wanted version {VERSION} of a file of `palpate identify`");
+            return Err(wrong(&format!("{wanted}, found {found}: identify the arm again")));
         }
     }
     file.remove("robot");

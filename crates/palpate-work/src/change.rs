@@ -70,7 +70,7 @@ pub fn compare(
     progress: &dyn Progress,
 ) -> Result<ComparisonReport, WorkError> {
     if field.elastic.is_some() {
-        progress.note("the field's springs are compared, not its elastic body");
+        progress.note("the comparison uses the springs of the field, not its elastic body");
     }
     let mut config = MapperConfig::of(palpate::EstimatorKind::Map);
     (config.lattice, config.contact) = (field.lattice.clone(), field.contact.clone());
@@ -89,7 +89,8 @@ pub fn compare(
             return Err(WorkError::Interrupted { kept: String::new() });
         }
         Some(Err(error)) => {
-            progress.note(&format!("touches of the field's memory are left out: {error}"));
+            progress
+                .note(&format!("the touches that the field remembers are not compared: {error}"));
             None
         }
         None => None,

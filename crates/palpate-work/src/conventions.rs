@@ -246,8 +246,8 @@ impl fmt::Display for TorqueConvention {
                 number(after_gravity[usize::from(self.torque_sign == TorqueSign::Minus)]);
             return write!(
                 f,
-                "the torques hold gravity, and their sign is {sign}: they are {slope:.2} times gravity's \
-                 {gravity} N·m, which leaves {residual} N·m{}",
+                "the torques contain gravity, and their sign is {sign}: they are {slope:.2} times the torques of gravity \
+                 ({gravity} N·m), and {residual} N·m remain unexplained{}",
                 if self.evidence.is_laden() {
                     "; the arm carries more than its file says: see --payload-mass-kg, or `palpate identify`"
                 } else {
@@ -257,8 +257,8 @@ impl fmt::Display for TorqueConvention {
         }
         write!(
             f,
-            "the torques hold no gravity, and their sign is {sign}: they are {torque} N·m where gravity's are \
-             {gravity} N·m, take up to {} J of work from the arm, and do up to {} J",
+            "the torques contain no gravity, and their sign is {sign}: they are {torque} N·m, gravity would be \
+             {gravity} N·m; they take up to {} J of work from the arm, and do up to {} J of work on it",
             number(work.taken),
             number(work.done)
         )
@@ -276,23 +276,24 @@ impl fmt::Display for Undecided {
         match self {
             Self::Ambiguous(_) => write!(
                 f,
-                "whether the torques hold gravity does not show: they are {torque} N·m where gravity's are {gravity} \
-                 N·m, and without it {plus} N·m (sign plus) or {minus} N·m (minus); say --gravity included or removed, \
-                 and --torque-sign"
+                "the data do not show whether the torques contain gravity: they are {torque} N·m, gravity would be {gravity} \
+                 N·m, and without gravity they are {plus} N·m (sign plus) or {minus} N·m (sign minus); give --gravity \
+                 included or removed, and --torque-sign"
             ),
             Self::Sign(_) => write!(
                 f,
-                "the torques hold no gravity ({torque} N·m where gravity's are {gravity} N·m), so it does not show \
-                 which way they count, and neither does their work (up to {taken} J taken from the arm, {done} J done); say --torque-sign \
-                 plus if they are what the object exerts on the joints, minus if they are what the motors exert"
+                "the torques contain no gravity (they are {torque} N·m, gravity would be {gravity} N·m), so gravity does not \
+                 show their sign, and neither does their work (up to {taken} J taken from the arm, {done} J done on it); give \
+                 --torque-sign plus if they are what the object exerts on the joints, minus if they are what the motors exert"
             ),
             Self::NoFit(_) => write!(
                 f,
-                "no convention explains the torques: they are {torque} N·m, {slope:.2} times gravity's {gravity} N·m; {}",
+                "no combination of sign and gravity explains the torques: they are {torque} N·m, {slope:.2} times the torques of gravity \
+                 ({gravity} N·m); {}",
                 if IN_THOUSANDTHS.contains(&slope.abs()) {
-                    "are they in mN·m? N·m are wanted"
+                    "are they in mN·m? wanted N·m"
                 } else {
-                    "a unit, the robot, a payload or an order of joints may be wrong, and motor currents are no torques"
+                    "a unit, the robot, a payload or the order of the joints may be wrong, or these may be motor currents, not torques"
                 }
             ),
         }
@@ -416,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_given_is_kept_and_the_rest_is_found() {
+    fn a_given_part_of_the_convention_is_kept_and_the_rest_is_found() {
         let given = KnownConvention { torque_sign: None, gravity: Some(Gravity::Removed) };
         let found = decide(&touch(-1.0, 0.0, [8.0, 1.0]), given);
         assert_eq!(found, Ok((TorqueSign::Minus, Gravity::Removed)));

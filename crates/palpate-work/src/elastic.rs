@@ -101,8 +101,8 @@ fn check_size(clouds: &[CloudWithViewpoint], name: &str) -> Result<(), WorkError
 /// Refuses roots of a cushion, and roots that are far from all points.
 fn check_roots(clouds: &[CloudWithViewpoint], hints: &ObjectHints) -> Result<(), WorkError> {
     if hints.kind == Some(ObjectKind::Cushion) && !hints.roots_m.is_empty() {
-        let message = "a root is where a plant is held, and the object is said to be a cushion; leave one of \
-                       them out";
+        let message = "a root is the point where a plant is held, but the given kind of object is a cushion; \
+                       leave one of the two out";
         return Err(WorkError::Usage(message.to_owned()));
     }
     for root in &hints.roots_m {
@@ -194,7 +194,7 @@ fn simulating<T>(
     if settled.unsettled > 0 {
         let percent = 100.0 * settled.unsettled as f64 / settled.samples as f64;
         progress.note(&format!(
-            "the elastic body did not come to rest in {percent:.1} % of the samples; its torque there \
+            "the elastic body did not come to rest in {percent:.1} % of the samples; there, its torque \
              is that of the last iteration"
         ));
     }
@@ -231,8 +231,8 @@ pub fn learn_body(
     })?;
     if learnt.likeliest().stiffness_factors.iter().all(|factor| *factor == 0.0) {
         progress.warn(
-            "no stiffness of the elastic body explains the touches, so it predicts no torque: is it of another kind \
-             (--object-kind), or does it stand elsewhere?",
+            "no stiffness of the elastic body explains the touches, so it predicts no torque: is the object of another \
+             kind (--object-kind), or is it not where the cloud shows it?",
         );
     }
     saved.field.elastic = Some(Arc::new(learnt));

@@ -34,11 +34,11 @@ pub enum FieldArraysError {
     /// A point that is not a point of the lattice.
     #[error(
         "point {row} (from 0), {point_m:?} m, is no point of the lattice: {what}; give the lattice \
-         that the points are of, or bring them to its points first"
+         of these points, or move them to the points of the lattice first"
     )]
     Off { row: usize, point_m: [f64; 3], what: String },
     /// Two springs at one point.
-    #[error("point {row} (from 0), {point_m:?} m, comes twice; wanted each once")]
+    #[error("point {row} (from 0), {point_m:?} m, comes twice; wanted each point once")]
     Twice { row: usize, point_m: [f64; 3] },
 }
 
@@ -111,10 +111,10 @@ fn nearest(
 ) -> Result<palpate::CellId, FieldArraysError> {
     let off = |what| FieldArraysError::Off { row, point_m, what };
     let cell = lattice.nearest(&point_m.into());
-    let cell = cell.ok_or_else(|| off("it lies outside".to_owned()))?;
+    let cell = cell.ok_or_else(|| off("it lies outside of the lattice".to_owned()))?;
     let gap_m = (lattice.point(cell) - nalgebra::Point3::from(point_m)).norm();
     if gap_m > NEAR * lattice.spacing_m() {
-        return Err(off(format!("the nearest is {gap_m:.6} m away")));
+        return Err(off(format!("the nearest point of the lattice is {gap_m:.6} m away")));
     }
     Ok(cell)
 }
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named_with_its_row() {
+    fn wrong_values_are_named_with_their_row() {
         let mut wrong = given();
         wrong.stiffness_n_per_m[1] = f64::NAN;
         assert!(message(wrong).contains("`stiffness` holds NaN in row 1"));

@@ -57,12 +57,12 @@ pub fn forget(
     let field = &saved.field;
     if field.elastic.is_some() {
         return Err(WorkError::Usage(format!(
-            "`{field_name}` holds an elastic body, which cannot forget; map the other logs with --estimator elastic"
+            "`{field_name}` holds an elastic body, which cannot forget; map the remaining logs again with --estimator elastic"
         )));
     }
     let Some(snapshot) = &saved.snapshot else {
         return Err(WorkError::Usage(format!(
-            "`{field_name}` was saved without its memory, so it cannot forget; map the other logs again"
+            "`{field_name}` was saved without its memory, so it cannot forget; map the remaining logs again"
         )));
     };
     let cannot = |error: &dyn std::fmt::Display| {
@@ -102,7 +102,7 @@ pub fn forget(
     let numbers: Vec<u32> = meant().map(|touch| touch.touch).collect();
     let kept = log.iter().zip(&forgotten).filter(|(_, forgotten)| !**forgotten);
     let samples: usize = kept.map(|(touch, _)| touch.q.len() / snapshot.n_joints.max(1)).sum();
-    let bar = progress.begin(Some(samples as u64), "frames", "learning the others anew");
+    let bar = progress.begin(Some(samples as u64), "frames", "learning the other touches again");
     let step = || {
         bar.step();
         !progress.stopped()

@@ -84,8 +84,8 @@ pub(crate) fn holding(arm: &Arm, held: &[Held]) -> Result<Arm, WorkError> {
 pub(crate) fn note_held(arm: &Arm, held: &[Held], of: &str, progress: &dyn Progress) {
     let flags: Vec<String> = held.iter().cloned().map(String::from).collect();
     progress.note(&format!(
-        "{of} has no joint {}: taken to stand still in the middle of its range (--hold {} says so, or where else); \
-         {} joints are left",
+        "{of} has no joint {}: assumed to stand still in the middle of its range (as with --hold {}, which can also \
+         give another position); {} joints are left",
         held.iter().map(|held| format!("`{}`", held.joint)).collect::<Vec<_>>().join(", "),
         flags.join(","),
         arm.robot.n_joints()

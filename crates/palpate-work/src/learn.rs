@@ -220,8 +220,8 @@ fn finish_touch(
     if let Some(number) = mapper.repeated_touch() {
         let (log, name) = (touch.log.display(), &touch.name);
         progress.warn(&format!(
-            "`{log}`: touch `{name}` has the samples of touch #{number}, which the field had learned from, and counts twice now; \
-             `palpate forget --touch '#{number}'` takes that out"
+            "`{log}`: touch `{name}` has the same samples as touch #{number}, which the field has learned already, so they count \
+             twice now; `palpate forget --touch '#{number}'` removes the earlier touch"
         ));
     }
     mapper

@@ -45,7 +45,7 @@ pub(crate) fn truth(log: &Path, touch: &str) -> Result<Vec<Vec<f64>>, WorkError>
     external_truth(log, touch)?.ok_or_else(|| {
         WorkError::from(format!(
             "`{}` holds no truth of touch `{touch}`: there is no truth/{touch}_external.npy; \
-             leave out --truth to score against what was measured",
+             leave out --truth to compare with the measured torques",
             log.display()
         ))
     })
@@ -98,7 +98,7 @@ impl TouchResult {
         match row.filter(|row| row.len() == measured.len()) {
             Some(row) => Ok(DVector::from_column_slice(row)),
             None => Err(format!(
-                "the truth of touch `{}` is {} x {}, which does not cover frame {frame} of {} \
+                "the truth of touch `{}` is {} x {}, which does not contain frame {frame} with {} \
                  joints; it belongs to another log",
                 self.name,
                 truth.len(),

@@ -61,9 +61,9 @@ fn load(path: &Path) -> Result<SavedField, WorkError> {
     let name = path.display();
     field::load(path).map_err(|error| match error {
         SavedError::Foreign { missing, .. } => WorkError::from(format!(
-            "`{name}` cannot be a prior: it is no field of palpate's, since it lacks the array \
-             `{missing}`, and so does not say which cells of which lattice its points are; give \
-             the field that `palpate extrapolate --field` or `palpate map` wrote"
+            "`{name}` cannot be a prior: it is not a field of palpate, since the array `{missing}` is missing, which says \
+             to which cells of the lattice its points belong; give a field that `palpate extrapolate --field` or \
+             `palpate map` wrote"
         )),
         other => WorkError::file(other),
     })
@@ -81,8 +81,8 @@ fn expected(
     let SavedField { field, prior_n_per_m, .. } = saved;
     if !same_lattice(&field.lattice, &config.lattice) {
         return Err(WorkError::Usage(format!(
-            "the prior `{name}` has a lattice of {}, the settings have {}, and a cell of one is \
-             none of the other; give {}, or make the prior anew in the lattice of these settings",
+            "the prior `{name}` has a lattice of {}, the settings have {}, but both must have the same cells; \
+             give {}, or make the prior again in the lattice of these settings",
             lattice_in_words(&field.lattice),
             lattice_in_words(&config.lattice),
             flags(&field.lattice)
@@ -91,13 +91,14 @@ fn expected(
     let others = departures(&field.contact, &config.contact);
     if !others.is_empty() {
         progress.warn(&format!(
-            "the prior `{name}` was learnt with another contact model, in which {}; under this one \
-             the same object has another stiffness",
+            "the prior `{name}` was learnt with another contact model, in which {}; with the \
+             present one, the same object has another stiffness",
             others.join(" and ")
         ));
     }
     let array = if prior_n_per_m.is_some() { "K_prior" } else { "K" };
-    progress.note(&format!("the prior of {} cells is `{array}` of `{name}`", field.cells.len()));
+    progress
+        .note(&format!("the prior means of {} cells are `{array}` of `{name}`", field.cells.len()));
     if field.elastic.is_some() {
         progress.note(&format!("the elastic body of `{name}` is not part of the prior"));
     }

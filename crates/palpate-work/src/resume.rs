@@ -8,6 +8,7 @@ use palpate::{Arm, ExternalTorqueConfig, Field, Mapper, MapperConfig, Snapshot};
 use palpate_io::field::{self, SavedField};
 
 use crate::error::WorkError;
+use crate::progress::Progress;
 use crate::settings::{Settings, first_difference};
 
 /// The snapshot in a saved field, which given settings must not contradict. `name` is the name of the field in errors.
@@ -37,7 +38,7 @@ pub fn snapshot_of(
         let (was, how) = if is_identified {
             ("without an identified arm", "leave out --arm")
         } else {
-            ("from external torques of an identified arm", "give its file (--arm)")
+            ("from the external torques of an identified arm", "give its file (--arm)")
         };
         return Err(WorkError::Usage(format!(
             "the field `{name}` was learnt {was}: {how} to go on with it, or start a new field"
@@ -86,8 +87,23 @@ fn check_settings(saved: &MapperConfig, name: &str, given: &Settings) -> Result<
 ///
 /// # Errors
 ///
-/// If the field was learnt with another robot, or its snapshot is inconsistent.
-pub fn mapper(name: impl Display, arm: &Arc<Arm>, snapshot: Snapshot) -> Result<Mapper, WorkError> {
-    Mapper::resume(Arc::clone(arm), snapshot)
-        .map_err(|error| WorkError::from(format!("`{name}` cannot be continued: {error}")))
+/// If the field was learnt with another robot, if its snapshot is inconsistent, or on being stopped.
+pub fn mapper(
+    name: impl Display,
+    arm: &Arc<Arm>,
+    snapshot: Snapshot,
+    progress: &dyn Progress,
+) -> Result<Mapper, WorkError> {
+    let n_joints = arm.robot.n_joints();
+    let samples: usize = snapshot.sample_log.iter().map(|touch| touch.q.len() / n_joints).sum();
+    let bar = progress.begin(Some(samples as u64), "samples", "simulating remembered touches");
+    let step = || {
+        bar.step();
+        !progress.stopped()
+    };
+    match Mapper::resume_unless_stopped(Arc::clone(arm), snapshot, step) {
+        Ok(Some(mapper)) => Ok(mapper),
+        Ok(None) => Err(WorkError::Interrupted { kept: format!("; `{name}` is unchanged") }),
+        Err(error) => Err(WorkError::from(format!("`{name}` cannot be continued: {error}"))),
+    }
 }

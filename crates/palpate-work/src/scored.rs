@@ -118,8 +118,8 @@ pub fn report_oddities(results: &[TouchResult], field: &Field, progress: &dyn Pr
     let meets_known = |touch: &TouchResult| has_body || touch.count(|frame| frame.known > 0) > 0;
     if !results.iter().any(meets_known) {
         progress.warn(
-            "no touch meets a point that the field knows: the predictions are what is expected of \
-             untouched points; check that field, robot and log belong together",
+            "no touch reaches a cell that is in the field: all predictions are those for untouched \
+             cells; check that field, robot and log belong together",
         );
         return;
     }
@@ -129,9 +129,9 @@ pub fn report_oddities(results: &[TouchResult], field: &Field, progress: &dyn Pr
         let odd = if touch.frames.is_empty() {
             " never leaves its contact-free start: nothing was scored"
         } else if touch.count(|frame| frame.contacts > 0) == 0 {
-            " touches no point of the field's lattice"
+            " reaches no cell of the field's lattice"
         } else if !meets_known(touch) {
-            " meets no point that the field knows"
+            " reaches no cell that is in the field"
         } else if sum.errors().zip(sum.zero()).is_some_and(worse) {
             ": the field is worse than predicting zero"
         } else {

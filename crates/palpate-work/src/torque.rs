@@ -190,7 +190,8 @@ fn warn_of_untimed(touches: &[TouchTorques], progress: &dyn Progress) {
     };
     if let Some(touch) = touches.iter().find(untimed) {
         progress.warn(&format!(
-            "`{}`: touch `{}` has no clock, or one that goes back: what depends on speed stays in its torques, and contacts may be false",
+            "`{}`: touch `{}` has no time stamps, or they run backwards: viscous friction and inertia stay in its torques, \
+             and its contacts may be false alarms",
             touch.log.display(),
             touch.name
         ));

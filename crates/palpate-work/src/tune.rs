@@ -187,12 +187,12 @@ impl Tuning<'_> {
             let remedy = if self.config.touch.identified {
                 "Perhaps nothing was touched"
             } else {
-                "Torques of the arm's own motion do that: `palpate identify` finds friction and inertia from free \
-                 motion, and --arm takes them off"
+                "The torques of the arm's own motion may be the reason: `palpate identify` finds friction and inertia \
+                 from free motion, and --arm subtracts them"
             };
             progress.warn(&format!(
-                "these touches hardly predict each other's torques: all of the torque is taken for noise, and the \
-                 field says next to nothing. {remedy}"
+                "these touches hardly predict each other's torques: all of the torque counts as noise, and the \
+                 field hardly differs from its prior. {remedy}"
             ));
         }
         Ok((tracked, tuned))
@@ -245,7 +245,7 @@ pub fn quickly_tuned(
             progress.note(&format!(
                 "the default settings are used, since choosing settings needs {MIN_TUNING_TOUCHES} touches in which the arm touches \
                  something, and there are {n}{}",
-                if is_all { "" } else { " in the samples that it looks at" }
+                if is_all { "" } else { " among the samples that are used for it" }
             ));
             Ok(TunedSettings { config: config.clone(), calibration: None })
         }

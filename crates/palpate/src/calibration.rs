@@ -268,7 +268,7 @@ impl Calibration {
         let unknown = self.by_unknown_n_m.len();
         if unknown != 0 && unknown != n_joints {
             return Err(format!(
-                "the bands have {unknown} factors of unknown points; wanted {n_joints}"
+                "the bands have {unknown} factors for unknown points; wanted {n_joints}"
             ));
         }
         let scales = [self.by_torque, self.by_std, self.relative_std, self.untouched_std_n_per_m]
@@ -299,7 +299,7 @@ impl Calibration {
         let levels: Vec<f64> = self.quantiles.iter().map(|own| own.level).collect();
         let rise = levels.windows(2).all(|pair| pair[0] < pair[1]);
         if !rise || levels.iter().any(|level| !(*level > 0.0 && *level < 1.0)) {
-            return Err("the levels of the bands do not rise between 0 and 1".to_owned());
+            return Err("the levels of the bands must rise and lie between 0 and 1".to_owned());
         }
         Ok(())
     }

@@ -65,7 +65,7 @@ impl PauseConfig {
         for (setting, found, [low, high], wanted) in [
             ("still_rad", self.still_rad, [0.0, f64::MAX], "zero or more, and finite"),
             ("idle_s", self.idle_s, [1e-3, 3600.0], "from 0.001 to 3600 s"),
-            ("idle_samples", idle, samples, "from 5, which a tare needs, to 10000"),
+            ("idle_samples", idle, samples, "from 5 (the least for a tare) to 10000"),
             ("renew_s", self.renew_s, [self.idle_s, f64::MAX], "at least idle_s, and finite"),
             ("renew_samples", self.renew_samples.into(), [idle, most], "at least idle_samples"),
         ] {

@@ -51,19 +51,19 @@ pub enum TrackerError {
     TorqueCount { expected: usize, got: usize },
     /// Standard deviations that are missing, negative, NaN or too large.
     #[error(
-        "the standard deviations of the torques are {found:?}; wanted {expected} of at least 0 N·m"
+        "the standard deviations of the torques are {found:?}; wanted {expected} numbers from 0 N·m on"
     )]
     TorqueStd { expected: usize, found: Vec<f64> },
     /// A torque model that is invalid or of another arm.
-    #[error("the model of the arm's torques does not serve: {0}")]
+    #[error("the torque model of the arm cannot be used: {0}")]
     TorqueModel(String),
     /// A torque that is NaN or too large.
     #[error("the torque of joint `{joint}` is {found}; wanted a number of N·m below {MAX_TORQUE}")]
     Torque { joint: String, found: f64 },
     /// A motion that is too long for two consecutive samples.
     #[error(
-        "joint `{joint}` jumps from {from} to {to}; so long a motion cannot be followed: are there \
-         samples missing, or is it in another unit?"
+        "joint `{joint}` jumps from {from} to {to}; a motion this long cannot be followed: are \
+         samples missing, or are the positions in another unit?"
     )]
     Jump { joint: String, from: f64, to: f64 },
     /// Invalid joint positions.
@@ -77,10 +77,12 @@ pub enum TrackerError {
     )]
     NoContactFreeStart { found: u32, wanted: u32 },
     /// Fewer frames than were requested for the tare.
-    #[error("the touch ends after {found} frames, before the {wanted} that were asked for as tare")]
+    #[error(
+        "the touch ends after {found} frames; the tare was set to use {wanted} (`tare_frames`)"
+    )]
     TareTooLong { found: u32, wanted: u32 },
     /// A sample before any touch was begun, or after the touch had failed.
-    #[error("a sample came without a touch that was begun and is still good")]
+    #[error("a sample came before a touch was begun, or after its touch had failed")]
     NotBegun,
 }
 

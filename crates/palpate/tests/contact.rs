@@ -170,7 +170,7 @@ fn a_point_slips_until_the_friction_cone_holds_it() {
 }
 
 #[test]
-fn a_point_is_let_go_where_its_spring_would_pull() {
+fn a_point_is_released_where_its_spring_would_pull() {
     let arm = gantry(BLOCK);
     let mut world = World::new(&arm, column(), &config(), [0.0; 3]);
     let pressed = world.go([0.0; 3], [0.0401, 0.0, 0.0]);
@@ -184,7 +184,7 @@ fn a_point_is_let_go_where_its_spring_would_pull() {
 }
 
 #[test]
-fn a_cylinder_swept_through_an_elastic_bed_feels_the_force_of_the_integral() {
+fn a_cylinder_swept_through_an_elastic_bed_meets_the_force_of_the_integral() {
     // A cylinder of radius R along z, sticking to what it meets, is pushed by D through a bed of
     // stiffness k a volume. A point at distance s behind the advancing front is displaced by s,
     // so the force is k L ∫dy ∫₀ᴰ s ds = k L (2R') D²/2 with R' = R + δ.

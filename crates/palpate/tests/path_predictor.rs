@@ -267,7 +267,7 @@ fn an_answer_is_the_same_however_many_threads_take_part() {
 }
 
 #[test]
-fn a_predictor_of_the_field_alone_says_what_the_mappers_does() {
+fn a_predictor_of_the_field_alone_equals_that_of_the_mapper() {
     let (mapper, path) = (learnt(), push(0.01, 90));
     for cluster_weight in [1.0, CLUSTER_WEIGHT] {
         let of_field = PathPredictor::of_field(&arm(), &mapper.field(), 5.0, cluster_weight);
@@ -328,7 +328,7 @@ fn many_paths_are_answered_as_each_is() {
 }
 
 #[test]
-fn what_a_posture_inside_covers_is_pushed_out_to_the_nearest_surface() {
+fn cells_inside_a_posture_are_pushed_out_to_the_nearest_surface() {
     let lattice = Lattice::new([0.0; 3], 0.01, [1; 3]).unwrap();
     let mut mapper = mapper(lattice, 1e4);
     feel_one_newton(&mut mapper);

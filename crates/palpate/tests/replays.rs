@@ -148,3 +148,19 @@ fn replays_in_spare_time_and_as_set_give_the_same_field_if_all_are_made() {
     spare.end_touch().unwrap();
     assert!(spare.field() == as_set.field());
 }
+
+#[test]
+fn resuming_steps_once_for_each_sample_and_stops_when_asked() {
+    let mut first = mapper(EstimatorKind::Map, ReplayPolicy::Background);
+    learn_touch(&mut first);
+    let resume = |step: &mut dyn FnMut() -> bool| {
+        Mapper::resume_unless_stopped(Arc::clone(first.arm()), first.snapshot(), step).unwrap()
+    };
+    let mut samples = 0;
+    let resumed = resume(&mut || {
+        samples += 1;
+        true
+    });
+    assert_eq!((samples, resumed.unwrap().field()), (touch().len(), first.field()));
+    assert!(resume(&mut || false).is_none());
+}

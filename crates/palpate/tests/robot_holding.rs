@@ -50,7 +50,7 @@ fn a_held_joint_leaves_poses_jacobians_and_gravity_as_they_are_there() {
 }
 
 #[test]
-fn what_cannot_stand_still_is_refused() {
+fn a_joint_that_cannot_be_fixed_is_refused() {
     let whole = Robot::from_urdf(URDF).unwrap();
     let refused = |robot: Robot, joint: &str, position| {
         robot.with_fixed_joint(joint, position).unwrap_err().to_string()

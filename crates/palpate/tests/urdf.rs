@@ -176,7 +176,7 @@ fn links_that_form_no_tree_are_refused_by_name() {
     let cases = [
         (
             joint("1", "fixed", "a", "b", "") + &joint("2", "fixed", "c", "b", ""),
-            "`b` hangs from two joints, `1` and `2`",
+            "`b` is the child of two joints, `1` and `2`",
         ),
         (
             joint("1", "fixed", "b", "c", "") + &joint("2", "fixed", "c", "b", ""),

@@ -83,12 +83,15 @@ pub(super) fn measure(
     output: &Output,
 ) -> Result<Answers, CliError> {
     let robot = &mapper.arm().robot;
-    let bar = output.begin(Some(asked.len() as u64), "paths", "asking");
+    let bar = output.begin(Some(asked.len() as u64), "paths", "predicting");
     let (mut whole, mut push) = (Asked::default(), Asked::default());
     for touch in asked.iter().filter(|touch| !touch.samples.is_empty()) {
         bar.at(&touch.name);
         let fault = |error: PathError| {
-            CliError::from(format!("touch `{}` cannot be asked about: {error}", touch.name))
+            CliError::from(format!(
+                "torques along touch `{}` cannot be predicted: {error}",
+                touch.name
+            ))
         };
         let path: Vec<&[f64]> = touch.samples.iter().map(|sample| &sample.q[..]).collect();
         let path = resampled(robot, &path);
@@ -195,18 +198,14 @@ impl Answers {
         let mut row = |name: String, extent: Option<Extent>, (factor, digits, unit)| {
             rows.extend(extent.map(|extent| (name, extent.text(factor, digits, unit))));
         };
-        row("handing out the springs".to_owned(), self.handover_ms, (1.0, 2, "ms"));
+        row("copying the springs".to_owned(), self.handover_ms, (1.0, 2, "ms"));
         for (kind, asked) in [("a whole touch", &self.whole), ("a push", &self.push)] {
-            row(format!("answer about {kind}"), Extent::of(&asked.coarse_ms), (1.0, 1, "ms"));
-            row(format!("exact answer about {kind}"), Extent::of(&asked.exact_ms), (1.0, 0, "ms"));
+            row(format!("prediction of {kind}"), Extent::of(&asked.coarse_ms), (1.0, 1, "ms"));
+            row(format!("exact prediction of {kind}"), Extent::of(&asked.exact_ms), (1.0, 0, "ms"));
+            row("  error of the torque".to_owned(), Extent::of(&asked.torque_off), (100.0, 1, "%"));
+            row("  error of its std".to_owned(), Extent::of(&asked.std_off), (100.0, 0, "%"));
             row(
-                "  torque off from that by".to_owned(),
-                Extent::of(&asked.torque_off),
-                (100.0, 1, "%"),
-            );
-            row("  its std off by".to_owned(), Extent::of(&asked.std_off), (100.0, 0, "%"));
-            row(
-                "  its band's spread off by".to_owned(),
+                "  error of its band's spread".to_owned(),
                 Extent::of(&asked.rss_off),
                 (100.0, 0, "%"),
             );
@@ -217,10 +216,10 @@ impl Answers {
     /// What was measured, and how.
     pub(super) fn heading(&self) -> String {
         format!(
-            "Answers about paths of {} points: {} whole touches that touch anything, and their {} \
-             pushes,\n{} times each, with handing out the springs; exact ones once. Figures are \
-             medians over paths, the\nleast and the most; off by where the exact torque has at \
-             least {LARGE_N_M} N·m.",
+            "Predictions along paths of {} points: {} whole touches with contact, and their {} \
+             pushes,\n{} times each, with copying the springs; exact ones once. Median over paths, \
+             and in brackets the\nsmallest and the largest; errors are relative to the exact \
+             prediction, where its torque is at least {LARGE_N_M} N·m.",
             self.points, self.whole.paths, self.push.paths, self.times
         )
     }

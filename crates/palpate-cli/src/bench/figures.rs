@@ -96,11 +96,11 @@ impl Figures {
         let [nx, ny, nz] = self.shape;
         let estimator = self.estimator.name();
         let touches = match (self.simulated, self.touches) {
-            (true, n) => format!("Touches: {n} of those bundled, simulated"),
+            (true, n) => format!("Touches: {n} of the bundled ones, simulated"),
             (false, n) => format!("Touches: {n}"),
         };
         let paced = match &self.pace {
-            Some(_) => "\nThe step is timed without replays; how many fit into what it leaves \
+            Some(_) => "\nThe step is timed without replays; how many fit into the remaining time \
                         depends on the machine."
                 .to_owned(),
             None => String::new(),
@@ -125,7 +125,7 @@ impl Figures {
         let mut rows = vec![
             ("steps a second", format!("{:.0}", self.steps_per_second)),
             ("step, median", format!("{:.3} ms", self.step_ms.median)),
-            ("step, 99 of 100 within", format!("{:.3} ms", self.step_ms.p99)),
+            ("step, 99th percentile", format!("{:.3} ms", self.step_ms.p99)),
             ("points touched, median", format!("{:.0}", self.contacts)),
             ("simulator, one thread", format!("{:.3} ms", self.parts.simulator_ms)),
             ("update with replays, one thread", format!("{:.3} ms", self.parts.update_ms)),

@@ -48,7 +48,7 @@ struct Times {
 /// Times the parts of all passes, on one thread.
 pub(super) fn measure(bench: &Bench<'_>, output: &Output) -> Result<Parts, CliError> {
     let mut timed = TimedParts::new(&bench.arm, &bench.config).map_err(SettingsError::value)?;
-    play(&bench.recording, bench.args.passes, &mut timed, output, "timing its parts")?;
+    play(&bench.recording, bench.args.passes, &mut timed, output, "timing the parts")?;
     let times = &timed.times;
     let update_ns_per_visit = middle(&times.update_ns);
     Ok(Parts {

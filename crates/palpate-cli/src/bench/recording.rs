@@ -74,7 +74,7 @@ pub(super) fn play(
 
 /// The error if Ctrl-C ends a measurement.
 pub(super) fn cut_short() -> CliError {
-    CliError::Interrupted { kept: "; a measurement cut short says nothing".to_owned() }
+    CliError::Interrupted { kept: "; an incomplete measurement is not printed".to_owned() }
 }
 
 /// A duration as a number, ms.

@@ -75,7 +75,7 @@ impl Conversion<'_> {
             "xml" => {
                 let springs = obstacles::springs(&field, MAX_SPRINGS).map_err(refused)?;
                 let (count, side_mm) = (springs.points.len(), 2e3 * springs.radius_m);
-                what = format!("{count} points on springs, of cells in blocks of {side_mm:.0} mm,");
+                what = format!("{count} points on springs, one for each block of {side_mm:.0} mm,");
                 place::write(path, &obstacles::mujoco_xml(&springs))
             }
             _ => Err(CliError::Usage(format!(

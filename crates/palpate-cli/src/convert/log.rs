@@ -53,12 +53,12 @@ pub(super) fn convert(
     let mut touches = Touches::open(&[input.to_owned()], &settings.log.options())?;
     if touches.are_external() {
         output.note(
-            "the torques are external ones, which the output does not say: read it with --gravity \
+            "the torques are external ones, but the output does not record that: read it with --gravity \
              removed",
         );
     }
     if touches.are_currents() {
-        output.note("the torques are motor currents, which the output does not say");
+        output.note("the torques are motor currents, but the output does not record that");
     }
     if settings.log.pauses().is_some() {
         let arm = robot::load(&settings.robot, output)?;
@@ -78,7 +78,7 @@ pub(super) fn convert(
     if let Some(names) = joints.as_ref().filter(|_| is_arrays && !is_of_robot) {
         let names = names.join(", ");
         output.note(&format!(
-            "arrays name no joints, and have these in the order of the log: {names}; with --robot it is the robot's order"
+            "arrays contain no joint names; their columns are in the order of the log: {names}; with --robot, in the robot's order"
         ));
     }
     let joints = match (format, joints) {
@@ -102,14 +102,14 @@ pub(super) fn convert(
         );
     }
     let path = path.display();
-    output.result(&format!("{touched} touches of {samples} samples in all are in `{path}`.\n"))
+    output.result(&format!("{touched} touches with {samples} samples in all are in `{path}`.\n"))
 }
 
 /// The joint names of the robot in the settings, for a log without names.
 fn names_of_robot(settings: &Settings, output: &Output) -> Result<Vec<String>, CliError> {
     let arm = robot::load(&settings.robot, output)?;
     let name = settings.robot.name();
-    output.note(&format!("the log names no joints; in the bag they have those of `{name}`"));
+    output.note(&format!("the log contains no joint names; the bag gets those of `{name}`"));
     Ok(arm.robot.joint_names().map(str::to_owned).collect())
 }
 

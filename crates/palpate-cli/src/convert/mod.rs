@@ -74,7 +74,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             .run(&settings, output);
     }
     if args.above.is_some() {
-        let why = "--above chooses cells of a field (.npz); the input is a log";
+        let why = "--above selects cells of a field (.npz), but the input is a log";
         return Err(CliError::Usage(why.to_owned()));
     }
     let format = log::Format::of(&args.output, &to, args.compression)?;

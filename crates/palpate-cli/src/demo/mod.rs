@@ -171,7 +171,7 @@ fn extrapolate_all(
         halves: Some(HALVES),
         drawn: true,
         fills: false,
-        kept: "all but what the camera saw is written",
+        kept: "all results are written except the extrapolation to the cloud",
     };
     let found = work.run(output)?;
     let summary = ExtrapolationSummary { work: &work, found: &found, truth: None, simulated: true };
@@ -249,12 +249,12 @@ impl Args {
         }
         let folder = folder.display();
         let page = if evaluation.is_some() {
-            "\n  report.html  all of that, to open in a browser; figures in figures/"
+            "\n  report.html  all of this, as a page for a browser; figures in figures/"
         } else {
             ""
         };
         let seen = if self.full {
-            "\n  seen.html    stiffness extrapolated to all that a camera saw of the plant\n  \
+            "\n  seen.html    stiffness extrapolated to all points of the plant that a camera saw\n  \
                fig4.svg     the same as a picture, seen.ply as a cloud"
         } else {
             "\n\n`palpate demo --full` chooses the settings by cross-validation, compares all methods, and \
@@ -267,10 +267,10 @@ impl Args {
                field.svg    the field from three sides\n  \
                torques.svg  predicted and measured torques of the touch held out{page}{seen}\n\n\
              Next, with a log of your own:\n  \
-               palpate inspect LOG --robot ROBOT.urdf       does it hold what it should?\n  \
+               palpate inspect LOG --robot ROBOT.urdf       is the log complete and plausible?\n  \
                palpate map LOG -o field.npz --robot ROBOT.urdf\n  \
                palpate predict field.npz OTHER_LOG --robot ROBOT.urdf\n  \
-               palpate evaluate LOG --robot ROBOT.urdf      how far is it to be trusted?\n  \
+               palpate evaluate LOG --robot ROBOT.urdf      how accurate are the predictions?\n  \
                palpate extrapolate field.npz CLOUD.ply -o seen.ply --robot ROBOT.urdf\n"
         );
         text

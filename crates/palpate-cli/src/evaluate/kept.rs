@@ -89,7 +89,7 @@ impl Kept {
             return Some(piece);
         }
         self.output.warn(&format!(
-            "`{}` is not as it was kept: what it holds is computed again",
+            "`{}` was changed after it was saved: its results are computed again",
             path.display()
         ));
         None
@@ -100,7 +100,9 @@ impl Kept {
         if let Err(error) = self.write(name, piece)
             && !self.fails.swap(true, Ordering::Relaxed)
         {
-            self.output.warn(&format!("{error}; if this evaluation is broken off, it begins anew"));
+            self.output.warn(&format!(
+                "{error}; if this evaluation is interrupted, it must start from the beginning"
+            ));
         }
     }
 
@@ -142,7 +144,7 @@ impl ResultStore for Kept {
 
     fn kept_message(&self) -> String {
         format!(
-            "; what is done is kept in `{}`, and the same command goes on from there",
+            "; finished parts are in `{}`, and the same command continues from them",
             self.results.display()
         )
     }

@@ -120,7 +120,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if args.methods.is_empty() {
         note_methods_not_built(output);
     } else if has_body && !methods.contains(&Method::Elastic) {
-        output.note("--methods leaves out `elastic`, which the object's cloud or picture is for");
+        output.note("--methods leaves out `elastic`, the method that uses --cloud and --body");
     }
     let (bodies, cloud) = args.object.bodies(output)?;
     let folder = Folder::make(&args.output, "report.html")?;

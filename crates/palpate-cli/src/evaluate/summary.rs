@@ -52,7 +52,7 @@ impl EvaluationSummary {
     /// How the touches were divided.
     fn protocol(&self) -> String {
         match self.folds {
-            1 => "Given touches predicted from all others".to_owned(),
+            1 => "Touches of --test, predicted from all others".to_owned(),
             n if n == self.evaluation.touches.len() => "Leave-one-touch-out".to_owned(),
             n => format!("{n} folds"),
         }
@@ -86,7 +86,7 @@ impl EvaluationSummary {
             if let Some(others) = &method.coverage_of_other_objects {
                 let _ = writeln!(
                     text,
-                    "Bands as other objects have them would contain {:.0} % of the torques and {:.0} % of the largest ones; mean \
+                    "Bands calibrated on other objects would contain {:.0} % of the torques and {:.0} % of the largest ones; mean \
                      half-width {:.3} N·m.",
                     100.0 * others.torque_share,
                     100.0 * others.peak_share,

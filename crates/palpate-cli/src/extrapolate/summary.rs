@@ -59,10 +59,10 @@ impl ExtrapolationSummary<'_> {
         let frames = |(touches, frames)| format!("{touches} touches, {frames} frames in contact");
         let remembered = self.found.remembered.map(|counts| ("remembered", frames(counts)));
         let errors = |HeldOutErrors { with, without, relative }| {
-            let unit = if relative { "of zero's error" } else { "N·m" };
-            format!("{with:.3} {unit} with it, {without:.3} without (random halves)")
+            let unit = if relative { "relative to predicting zero" } else { "N·m" };
+            format!("{with:.3} with the extrapolation, {without:.3} without; {unit}, random halves")
         };
-        let held_out = self.found.held_out.map(|found| ("touches held out", errors(found)));
+        let held_out = self.found.held_out.map(|found| ("error, held-out touches", errors(found)));
         std::iter::once(("method", method)).chain(remembered).chain(held_out).collect()
     }
 
@@ -138,8 +138,8 @@ impl ExtrapolationSummary<'_> {
         found.extend([
             ("points", points.to_string()),
             ("of them in touched cells", format!("{touched} ({part:.0} %)")),
-            ("K at 10, 50, 90 % of them", format!("{soft:.3}, {median:.3}, {stiff:.3} N/m")),
-            ("untouched cells expected", self.expected().to_string()),
+            ("10, 50, 90 % quantiles of K", format!("{soft:.3}, {median:.3}, {stiff:.3} N/m")),
+            ("untouched cells estimated", self.expected().to_string()),
         ]);
         for order in self.orders().iter().flatten() {
             let (auc, rho) = (figure(order.auc, 3), figure(order.spearman, 3));
@@ -168,7 +168,7 @@ impl ExtrapolationSummary<'_> {
     pub(crate) fn page(&self) -> Result<String, CliError> {
         let [field, cloud] = self.work.names.map(last_part);
         let page = Page {
-            title: &format!("What {field} says of {cloud}"),
+            title: &format!("Stiffness of {cloud}, extrapolated from {field}"),
             simulated: self.simulated,
             card: self.card(),
             settings_toml: &toml::to_string(&self.found.config).map_err(CliError::file)?,
@@ -193,8 +193,8 @@ impl ExtrapolationSummary<'_> {
     fn verdict(&self) -> String {
         let (points, touched) = (self.found.seen.len(), self.touched());
         let mut verdict = format!(
-            "{touched} of {points} seen points lie in touched cells; the others are as stiff as \
-             what looks like them"
+            "{touched} of {points} seen points lie in touched cells; the stiffness of the others is \
+             extrapolated from points that look alike"
         );
         let rows = self.found.rows.as_deref().unwrap_or_default();
         let means: Vec<f64> = rows.iter().filter_map(|row| row.means().0).collect();
@@ -202,9 +202,9 @@ impl ExtrapolationSummary<'_> {
             let halves = rows[0].avg_error.len();
             let _ = write!(
                 verdict,
-                "; touches of one half, predicted from the other, have an average relative error of \
-                 {with:.3} with that as the prior of cells that were not met, and of {without:.3} \
-                 without (means of {halves} random halves)"
+                "; if one half of the touches is predicted from the other, the average relative error is \
+                 {with:.3} with the extrapolated stiffness as the prior of untouched cells, and \
+                 {without:.3} without it (means of {halves} random halves)"
             );
         }
         verdict
@@ -217,7 +217,7 @@ impl ExtrapolationSummary<'_> {
         };
         if let Some(orders) = self.orders() {
             tables.push(Table {
-                title: "Order of the points, against the simulation's truth",
+                title: "Ranking of the points by stiffness, compared with the simulation's truth",
                 caption: "Area under the ROC curve of separating the simulation's first class (leaf) \
                           from all others by stiffness, and Spearman's correlation with the true one.",
                 head: vec!["", "points", "area", "Spearman"],

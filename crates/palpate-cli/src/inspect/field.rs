@@ -20,12 +20,12 @@ pub(super) fn text(field: &FieldFacts) -> String {
     }
     if let Some(counts) = field.frames_per_cell {
         let counts = quantiles(counts, |frames| format!("{frames:.0}"));
-        text += &fact("frames", &format!("a cell: {counts}"));
+        text += &fact("frames", &format!("per cell: {counts}"));
     }
     let zero = format!("{:.1} % of the cells at zero", 100.0 * field.zero_share);
     text += &fact("stiffness", &format!("{} N/m in all; {zero}", number(field.total_n_per_m)));
     if let Some(stiffness) = field.stiffness_n_per_m {
-        text += &fact("", &format!("of the others, N/m: {}", quantiles(stiffness, number)));
+        text += &fact("", &format!("of the other cells, N/m: {}", quantiles(stiffness, number)));
     }
     if let Some(std) = field.std_n_per_m {
         let memory = field.own.as_ref().and_then(|own| own.memory.as_ref());

@@ -37,7 +37,7 @@ pub(super) fn text(log: &LogFacts) -> String {
     if log.touches.is_empty() {
         return text;
     }
-    let columns = ["touch", "frames", "s", "start", "peak N·m", "at", "moves", "of"];
+    let columns = ["touch", "frames", "s", "start", "peak N·m", "at joint", "travel", "of joint"];
     let rows = log.touches.iter().map(|touch| touch_row(touch, &log.joints));
     text += &table("Touches", &columns, rows);
     let by_joint = |heading: &str, of: fn(&TouchFacts) -> Option<&Vec<f64>>| {
@@ -83,7 +83,7 @@ fn sizes(log: &LogFacts) -> String {
 fn clock_text(log: &LogFacts) -> String {
     let Some(clock) = &log.clock else { return "none: rate and gaps are unknown".to_owned() };
     format!(
-        "{} s in all; {} Hz (a frame every {} ms, nine of ten within {} ms)",
+        "{} s in all; {} Hz (a frame every {} ms, 90 % of them within ± {} ms)",
         number(clock.duration_s),
         number(clock.period_s.recip()),
         number(1e3 * clock.period_s),
@@ -93,7 +93,7 @@ fn clock_text(log: &LogFacts) -> String {
 
 fn joints_text(log: &LogFacts) -> String {
     let how = match log.matching {
-        Matching::Unnamed => "the log names none; order of",
+        Matching::Unnamed => "without names in the log, in the order of",
         Matching::InOrder => "by name, in the order of",
         Matching::Reordered => "by name, in another order than",
         Matching::Unmatched => "not those of",
@@ -141,14 +141,14 @@ fn reading_text(reading: &LogInterpretation) -> String {
     };
     let check = if fits.has_enough_gravity() {
         format!(
-            "{} {:.2} times gravity's {} N·m, residual {} N·m",
+            "{} {:.2} times the {} N·m of gravity, residual {} N·m",
             if fits.at_rest { "at rest" } else { "on average" },
             fit.slope,
             number(fits.gravity_torque),
             number(fit.residual)
         )
     } else {
-        "gravity at rest is too small to check that by".to_owned()
+        "gravity at rest is too small to check this".to_owned()
     };
     let (sign, gravity) = (word(fit.torque_sign), word(fit.gravity));
     format!("sign {sign}, gravity {gravity}{unit}: {check}")

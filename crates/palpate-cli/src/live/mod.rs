@@ -245,9 +245,9 @@ impl Args {
             (
                 "joint_states",
                 text(self.joint_states().ok().flatten()),
-                "topic of the joint states; empty: the only one there is",
+                "topic of the joint states; empty: the only such topic",
             ),
-            ("output", text(field), "file of the field; empty: it is not kept"),
+            ("output", text(field), "file of the field; empty: it is not saved"),
             ("map", ParamValue::Bool(!self.no_map), "whether a field is learned (--no-map)"),
             (
                 "guard",
@@ -258,7 +258,7 @@ impl Args {
             (
                 "idle",
                 ParamValue::Number(self.idle),
-                "how long the arm stands still where a touch begins, s",
+                "time for which the arm must stand still before a touch begins, s",
             ),
         ]
         .into_iter()
@@ -326,7 +326,7 @@ impl Args {
         let stream = TorqueStream::new(Arc::clone(arm), model, torques).map_err(CliError::Usage)?;
         if from == ThresholdSource::Guess {
             complain(
-                "warning: what counts as touched is a guess; identify the arm with `palpate identify`",
+                "warning: the contact threshold is a guess; identify the arm with `palpate identify`",
             );
         }
         Ok(session.identified(stream, threshold, self.no_map))
@@ -345,8 +345,8 @@ impl Args {
         let model = arm_file::or_urdf(&settings.robot, &arm.robot, output)?;
         if self.guard.is_some() {
             return Err(CliError::Usage(
-                "the guard looks at torques as they are measured, not at those of an identified arm: leave out --guard, \
-                 or --arm and --no-map"
+                "the guard uses measured torques without the model of an identified arm: leave out --guard, or --arm \
+                 and --no-map"
                     .to_owned(),
             ));
         }
@@ -380,7 +380,7 @@ impl Args {
         let given: Vec<&str> = given.into_iter().filter(|own| own.1).map(|own| own.0).collect();
         if !given.is_empty() {
             output.warn(&format!(
-                "without effect on `live`, whose joint states are messages in rad and m: {}",
+                "settings without effect on `live`, where joint states are messages in rad and m: {}",
                 given.join(", ")
             ));
         }
@@ -391,7 +391,7 @@ impl Args {
         Self::warn_of_unused_log_settings(settings, output);
         logs::note_robot(arm, settings, output);
         if self.output.is_none() && !self.no_map {
-            output.note("nothing is kept: --output FIELD.npz saves what is learnt");
+            output.note("the field is not saved: give --output FIELD.npz to save it");
         }
     }
 
@@ -414,11 +414,12 @@ impl Args {
         let mut saved = field::load(path).map_err(CliError::file)?;
         let (model, name) = (saved.field.elastic.take(), path.display().to_string());
         let touches = std::mem::take(&mut saved.elastic_touches);
-        output.note(&format!("going on from `{name}`: following the touches that it remembers"));
-        let mapper = resume::mapper(&name, arm, resume::snapshot_of(saved, &name, settings)?)?;
+        output.note(&format!("continuing from `{name}`: processing the touches in its memory"));
+        let snapshot = resume::snapshot_of(saved, &name, settings)?;
+        let mapper = resume::mapper(&name, arm, snapshot, output)?;
         if self.object.is_given() {
             output.note(
-                "the field has its own elastic body, or none: --cloud and --body are not used",
+                "--cloud and --body are not used: the field to continue from has its own elastic body, or none",
             );
         }
         let body =
@@ -520,8 +521,8 @@ fn save(
     if let Some(waiting) = body.map(LiveElasticBody::waiting).filter(|waiting| *waiting > 0) {
         let path = path.display();
         shown.show(SessionReport::Note(format!(
-            "the elastic body has not learnt the last touches ({waiting}), which the field holds: \
-             palpate map --from {path} -o {path}"
+            "the elastic body has not learnt the last touches ({waiting}) yet, but the field contains \
+             them; learn them with `palpate map --from {path} -o {path}`"
         )));
     }
     Ok(())

@@ -90,7 +90,7 @@ impl Shown {
         }
         let mut text = match path {
             Some(path) => format!("The field is in `{}`.\n", path.display()),
-            None => "Nothing was kept (--output keeps it).\n".to_owned(),
+            None => "The field was not saved (--output FIELD.npz saves it).\n".to_owned(),
         };
         if let Some(figures) = &self.last {
             text += &view(figures);
@@ -124,16 +124,17 @@ fn torque(n_m: Option<f64>) -> String {
 fn view(figures: &SessionFigures) -> String {
     let SessionFigures { latency_ms, step_ms, rate_hz, replays, contacts, cells, touches, .. } =
         figures;
-    let checkpoint = figures.checkpoint_s.map_or(String::new(), |s| format!(", kept {s:.0} s ago"));
+    let checkpoint =
+        figures.checkpoint_s.map_or(String::new(), |s| format!(", saved {s:.0} s ago"));
     let refused: u64 = figures.refused.values().sum();
     let lost = format!(
-        "samples   {} mapped, {} dropped, {} never came, {refused} refused; {} messages unsent",
+        "samples   {} mapped, {} dropped, {} lost on the network, {refused} refused; {} messages unsent",
         figures.mapped, figures.dropped, figures.lost, figures.unsent
     );
     [
         format!(
-            "{}, {rate_hz:.0} Hz, latency {:.2} ms (99 of 100 within {:.2}), step {:.2} ms, \
-             {replays:.1} replays a sample",
+            "{}, {rate_hz:.0} Hz, latency {:.2} ms (99th percentile {:.2}), step {:.2} ms, \
+             {replays:.1} replays per sample",
             state(figures),
             latency_ms.median,
             latency_ms.p99,

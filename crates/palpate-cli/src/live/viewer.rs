@@ -38,8 +38,8 @@ impl Viewer {
     ) -> Result<Self, CliError> {
         let url = url.map_or_else(started, |url| Ok(url.to_owned()))?;
         let hulls = Hulls::of(arm);
-        let expected = "was expected just before the sample was learnt from";
-        let about = about("A field is learnt beside a robot", arm, lattice, Some(expected));
+        let expected = "the torque predicted just before the sample was learnt";
+        let about = about("A field is learnt from a running robot", arm, lattice, Some(expected));
         let mut scene = scene((arm, &hulls), lattice, "live".to_owned(), about);
         (scene.clock, scene.torques) = (true, true);
         let inbox = Arc::new(LatestQueue::new(WAITING));
@@ -76,7 +76,7 @@ impl Viewer {
         let began = Instant::now();
         while !self.thread.is_finished() {
             if began.elapsed() >= PATIENCE {
-                return output.note("the viewer no longer answers; what came last is not shown");
+                return output.note("the viewer no longer answers; the last samples are not shown");
             }
             thread::sleep(LOOK / 10);
         }
@@ -85,7 +85,7 @@ impl Viewer {
         }
         if self.inbox.dropped() > 0 {
             let dropped = self.inbox.dropped();
-            output.note(&format!("the viewer did not keep up: {dropped} moments are not shown"));
+            output.note(&format!("the viewer was too slow: {dropped} updates are not shown"));
         }
     }
 }

@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_is_drawn_twice_and_says_its_threshold() {
+    fn the_same_picture_is_drawn_twice_and_shows_its_threshold() {
         let example = Example::new(9, 2_000);
         let svg = fig4(&example.seen(), None).unwrap();
         assert_eq!(svg, fig4(&example.seen(), None).unwrap());
@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_that_no_one_touched_are_not_drawn() {
+    fn untouched_cells_are_not_drawn() {
         let mut example = Example::new(0, 500);
         let touched = fig4(&example.seen(), Some(0.0)).unwrap();
         let half = example.field.counts.len() / 2;

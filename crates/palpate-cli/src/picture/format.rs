@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ending_says_the_format() {
+    fn the_ending_selects_the_format() {
         let of = |name: &str| Format::of(Path::new(name));
         assert_eq!(of("a/field.svg").unwrap(), Format::Svg);
         assert_eq!(of("FIELD.PNG").unwrap(), Format::Png);
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_picture_is_an_error() {
+    fn a_text_that_is_no_picture_is_an_error() {
         assert!(png("no picture").unwrap_err().starts_with("the picture cannot be turned"));
     }
 }

@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn the_near_hides_the_far_in_any_order() {
+    fn near_surfaces_hide_far_ones_in_any_order() {
         for order in [[0, 1], [1, 0]] {
             let mut raster = Raster::new([20, 20]);
             for which in order {

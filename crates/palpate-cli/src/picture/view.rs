@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_view_keeps_lengths_and_hands_and_has_z_up() {
+    fn a_view_keeps_lengths_and_handedness_and_has_z_up() {
         for middle in [[0.6, 0.0, 0.5], [0.0, -0.7, 0.2], [0.0, 0.0, 1.0]] {
             let view = View::of(&Point3::from(middle));
             let axes = [Vector3::x(), Vector3::y(), Vector3::z()];

@@ -113,7 +113,9 @@ pub(super) fn beside_the_paper(evaluation: &Evaluation) -> String {
             own.name,
             error / mean
         ),
-        None => "Here there is no such ratio, for want of a learnt baseline or of torque.".into(),
+        None => "Here there is no such ratio: it needs a method with a stiffness field, a learnt baseline, \
+                 and a touch that reaches 1\u{a0}N·m."
+            .into(),
     };
     format!("<p>{ours}</p>\n<p>{theirs}</p>")
 }
@@ -128,11 +130,13 @@ pub(super) fn remarks(evaluation: &Evaluation) -> Vec<String> {
     let mut remarks = Vec::new();
     let unscored = names(touches, |touch| of(touch).is_none());
     if !unscored.is_empty() {
-        remarks.push(format!("Without a frame to score: {unscored}."));
+        remarks.push(format!("Touches without a frame to score: {unscored}."));
     }
     let faint = names(touches, |touch| of(touch).is_some_and(|e| e.avg_relative.is_none()));
     if !faint.is_empty() {
-        remarks.push(format!("Never reaching 1\u{a0}N·m, and so without relative error: {faint}."));
+        remarks.push(format!(
+            "Touches that never reach 1\u{a0}N·m, and are without relative error: {faint}."
+        ));
     }
     let worse: Vec<String> = touches.iter().filter_map(|touch| worse(touch, method)).collect();
     if method != "zero" {

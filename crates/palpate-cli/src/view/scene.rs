@@ -31,16 +31,16 @@ pub(crate) fn about(shown: &str, arm: &Arm, lattice: &Lattice, expected: Option<
     let spacing_mm = 1e3 * lattice.spacing_m();
     let mut text = format!(
         "{shown}; robot `{robot}`.\n\nBalls are cells of {spacing_mm:.1} mm that the arm has \
-         touched, by stiffness. Torque says how hard, hardly where: no value of a single cell is \
-         a property of the material.\n"
+         touched; colour and size show their stiffness. Torques determine the stiffness of a \
+         region, but hardly that of each cell in it: the value of a single cell is not a property \
+         of the material.\n"
     );
     if let Some(expected) = expected {
         text += &format!(
-            "\nArrows go from where a touched point is at rest to where the arm has pushed \
-             it, true to length; of more than 300, 300 are drawn.\n\nCurves, N·m: **grey** is \
-             the measured external torque, without gravity and tare; **blue** what {expected}; \
-             **red** the norm of the difference. Predicting zero would be wrong by the grey \
-             norm.\n"
+            "\nArrows go from the rest position of a touched point to where the arm has pushed \
+             it, to scale; at most 300 are drawn.\n\nCurves, N·m: **grey** is the measured \
+             external torque, without gravity and tare; **blue** {expected}; **red** the norm of \
+             the difference. The grey norm is also the error of predicting zero.\n"
         );
     }
     text

@@ -65,7 +65,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let named = Named::of(&args.what)?;
     if let (Some(field), Some(setting)) = (named.field, args.settings.of_learning()) {
         return Err(CliError::Usage(format!(
-            "{setting} settings belong to learning, and the field `{}` has its own; leave them \
+            "{setting} settings are for learning, but the field `{}` has its own; leave them \
              out, or leave out the field to learn a new one",
             field.display()
         )));
@@ -192,11 +192,11 @@ impl Stage<'_> {
             (Some(field), true) => (format!("The field `{}`", last_part(field)), None),
             (Some(field), false) => (
                 format!("The field `{}` predicts {logs}", last_part(field)),
-                Some("the field expects"),
+                Some("the torque that the field predicts"),
             ),
             (None, _) => (
                 format!("A field is learnt from {logs}"),
-                Some("was expected just before the sample was learnt from"),
+                Some("the torque predicted just before the sample was learnt"),
             ),
         };
         about(&shown, self.arm, lattice, expected)

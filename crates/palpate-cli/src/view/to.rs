@@ -59,7 +59,7 @@ impl To {
                     (Some(Err(error)), _) => Err(error),
                     (_, Err(error)) => Err(CliError::file(error)),
                     (Some(Ok(said)), Ok(())) => Ok((path.display().to_string(), said)),
-                    (None, Ok(())) => unreachable!("a recording that says nothing was not whole"),
+                    (None, Ok(())) => unreachable!("a recording without a result was not written"),
                 }
             }
         }

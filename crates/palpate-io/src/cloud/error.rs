@@ -17,7 +17,7 @@ pub enum CloudError {
     #[error("`{path}` {source}")]
     Npy { path: PathBuf, source: NpyError },
     /// Neither of the two formats.
-    #[error("`{path}` is no cloud: it begins with {found}; wanted a PLY or PCD file")]
+    #[error("`{path}` is not a point cloud: it begins with {found}; wanted a PLY or PCD file")]
     NotCloud { path: PathBuf, found: String },
     /// A header that is incomplete or inconsistent.
     #[error("`{path}` has a header that cannot be used, line {line}: {reason}")]

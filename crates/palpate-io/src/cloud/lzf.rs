@@ -29,7 +29,8 @@ pub(super) fn unpack(packed: &[u8], size: usize) -> Result<Vec<u8>, String> {
             let [low, tail @ ..] = tail else { return Err(cut()) };
             let back = (usize::from(control & 31) << 8) + usize::from(*low) + 1;
             let start = out.len().checked_sub(back);
-            let start = start.ok_or("its compressed bytes refer to before their beginning")?;
+            let start =
+                start.ok_or("its compressed bytes refer to a place before their beginning")?;
             for place in start..start + length {
                 out.push(out[place]);
             }
@@ -59,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_add_up_is_refused() {
+    fn inconsistent_bytes_are_refused() {
         assert!(unpack(&[2, b'a'], 3).unwrap_err().contains("end too early"));
         assert!(unpack(&[1 << 5, 0], 3).unwrap_err().contains("before their beginning"));
         assert!(unpack(&[0, b'a'], 2).unwrap_err().contains("1 of the promised 2"));

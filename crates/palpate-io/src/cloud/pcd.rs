@@ -39,7 +39,7 @@ pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<CloudFile, CloudError>
         }
         Ok(read.is_some())
     })?;
-    let ((fields, count), data) = read.expect("the header ends with its line `DATA`");
+    let ((fields, count), data) = read.expect("the header ends with the line `DATA`");
     let properties = fields.iter().flat_map(properties).collect();
     let rows = Rows { unit: "points".to_owned(), count, properties };
     let Some(layout) = Layout::find(&rows.properties) else {
@@ -136,7 +136,9 @@ impl Entries {
     /// Parses a line; the line `DATA` ends the header.
     fn take(&mut self, words: &[&str]) -> Result<Option<Data>, String> {
         fn numbers<T: std::str::FromStr>(words: &[&str]) -> Result<Vec<T>, String> {
-            let number = |word: &&str| word.parse().map_err(|_| format!("`{word}` is no count"));
+            let number = |word: &&str| {
+                word.parse().map_err(|_| format!("`{word}` is not a whole number from 0 on"))
+            };
             words.iter().map(number).collect()
         }
         fn one(words: &[&str]) -> Result<Option<u64>, String> {
@@ -161,7 +163,7 @@ impl Entries {
             ["DATA", "binary"] => return Ok(Some(Data::Binary)),
             ["DATA", "binary_compressed"] => return Ok(Some(Data::Compressed)),
             ["DATA", ..] => return Err("wanted ascii, binary or binary_compressed".to_owned()),
-            [word, ..] => return Err(format!("`{word}` is no word of PCD's")),
+            [word, ..] => return Err(format!("`{word}` is not a keyword of PCD")),
         }
         Ok(None)
     }
@@ -171,11 +173,13 @@ impl Entries {
         let n = self.names.len();
         let counts = self.counts.unwrap_or_else(|| vec![1; n]);
         if self.sizes.len() != n || self.types.len() != n || counts.len() != n {
-            return Err(format!("there are {n} FIELDS, but not as many of SIZE, TYPE and COUNT"));
+            return Err(format!(
+                "there are {n} FIELDS; wanted {n} values each of SIZE, TYPE and COUNT"
+            ));
         }
         // The size of a row is limited, since each number becomes a `Property`.
         if counts.iter().fold(0, |sum: usize, &count| sum.saturating_add(count)) > 65_536 {
-            return Err("a row of so many numbers is not read".to_owned());
+            return Err("a row has too many numbers; wanted at most 65536".to_owned());
         }
         let product = self.width.zip(self.height).and_then(|(w, h)| w.checked_mul(h));
         let points = match (self.points, product) {

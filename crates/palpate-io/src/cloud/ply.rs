@@ -19,23 +19,24 @@ pub(super) fn decode(bytes: &[u8], path: &Path) -> Result<CloudFile, CloudError>
     let (body, lines) = header(bytes, "`end_header`", path, |words| {
         match *words {
             ["end_header"] if format.is_none() => {
-                return Err("there is no `format` before it".to_owned());
+                return Err("there is no line `format` before `end_header`".to_owned());
             }
             ["end_header"] => return Ok(true),
             ["format", name, _version] => format = Some(format_named(name)?),
             ["element", name, count] => {
                 let count =
-                    count.parse().map_err(|_| format!("`{count}` is no count of elements"))?;
+                    count.parse().map_err(|_| format!("`{count}` is not a number of elements"))?;
                 let unit = format!("rows of the element `{name}`");
                 elements.push((name.to_owned(), Rows { unit, count, properties: Vec::new() }));
             }
             ["property", ref words @ ..] => {
                 let property = property_named(words)?;
-                let (_, rows) = elements.last_mut().ok_or("it is of no element")?;
+                let (_, rows) =
+                    elements.last_mut().ok_or("this property comes before the first `element`")?;
                 rows.properties.push(property);
             }
             [] | ["ply" | "comment" | "obj_info", ..] => {}
-            [word, ..] => return Err(format!("`{word}` is no word of PLY's")),
+            [word, ..] => return Err(format!("`{word}` is not a keyword of PLY")),
         }
         Ok(false)
     })?;
@@ -99,6 +100,6 @@ fn kind_named(name: &str) -> Result<Number, String> {
         "uint" | "uint32" => Number::Unsigned(4),
         "float" | "float32" => Number::Float(4),
         "double" | "float64" => Number::Float(8),
-        _ => return Err(format!("`{name}` is no type of PLY's")),
+        _ => return Err(format!("`{name}` is not a type of PLY")),
     })
 }

@@ -20,7 +20,10 @@ impl Cloud {
     /// check that. [`super::read()`] drops such points and lists their rows.
     #[must_use]
     pub fn new(points: Vec<Point3<f64>>, colours: Option<Vec<[u8; 3]>>) -> Self {
-        assert!(colours.as_ref().is_none_or(|c| c.len() == points.len()), "one colour a point");
+        assert!(
+            colours.as_ref().is_none_or(|c| c.len() == points.len()),
+            "one colour for each point"
+        );
         let is_finite = |point: &Point3<f64>| point.iter().all(|number| number.is_finite());
         assert!(points.iter().all(is_finite), "every coordinate is finite");
         Self { points, colours }

@@ -99,9 +99,9 @@ impl Collector {
         if let Some(far) = self.points.iter().position(is_far) {
             return Err(CloudError::Value {
                 path: path.to_owned(),
-                place: format!("the finite point {far}, counted from 0,"),
+                place: format!("the finite point {far} (from 0)"),
                 found: format!("{:?} m", <[f64; 3]>::from(self.points[far])),
-                wanted: "metres, within a thousand of the origin; are they in millimetres?",
+                wanted: "coordinates of at most 1000 m; are they in millimetres?",
             });
         }
         let colours = match self.layout.colour {
@@ -131,9 +131,9 @@ impl Collector {
             [Some(r), Some(g), Some(b)] => Ok([r, g, b]),
             _ => Err(CloudError::Value {
                 path: path.to_owned(),
-                place: format!("the colour of the finite point {place}, counted from 0,"),
+                place: format!("the colour of the finite point {place} (from 0)"),
                 found: format!("{colour:?}"),
-                wanted: "three numbers from 0 to 1, from 0 to 255 or, as ushort, to 65535",
+                wanted: "three numbers from 0 to 1, from 0 to 255, or from 0 to 65535 as ushort",
             }),
         };
         self.colours.iter().enumerate().map(colour).collect()

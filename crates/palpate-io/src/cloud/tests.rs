@@ -179,7 +179,7 @@ fn a_header_that_promises_too_much_is_refused_without_being_allocated() {
     assert!(failure(&bytes).contains("cannot unpack to the promised 4294967295"));
     let wide = pcd("binary", "x y z", "4 4 4", "F F F", 1);
     let wide = String::from_utf8(wide).unwrap().replace("WIDTH", "COUNT 1 1 99999999999\nWIDTH");
-    assert!(failure(wide.as_bytes()).contains("so many numbers"));
+    assert!(failure(wide.as_bytes()).contains("too many numbers"));
 }
 
 #[test]
@@ -209,11 +209,11 @@ fn a_file_that_is_not_a_cloud_is_reported() {
 #[test]
 fn the_error_names_the_line_where_a_header_is_wrong() {
     for (from, to, line, word) in [
-        ("float y", "half y", 5, "`half` is no type"),
+        ("float y", "half y", 5, "`half` is not a type"),
         ("ascii", "utf8", 2, "format `utf8` is unknown"),
-        ("vertex 2", "vertex -2", 3, "`-2` is no count"),
-        ("element vertex 2\n", "", 3, "it is of no element"),
-        ("end_header\n", "", 13, "is no word of PLY's"),
+        ("vertex 2", "vertex -2", 3, "`-2` is not a number of"),
+        ("element vertex 2\n", "", 3, "before the first `element`"),
+        ("end_header\n", "", 13, "is not a keyword of PLY"),
     ] {
         let error = failure(TEXT_PLY.replace(from, to).as_bytes());
         assert!(error.contains(&format!("line {line}: ")) && error.contains(word), "{error}");
@@ -234,7 +234,7 @@ fn the_error_names_the_line_where_a_header_is_wrong() {
 }
 
 #[test]
-#[should_panic(expected = "one word of its own")]
+#[should_panic(expected = "wanted a single word")]
 fn a_column_cannot_take_the_name_of_a_coordinate() {
     let _ = write_ply(Path::new("x"), &leaf(), &[("z", Column::U8(&[1, 2]))]);
 }

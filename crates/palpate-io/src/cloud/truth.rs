@@ -43,7 +43,9 @@ fn numbers(path: &Path, points: usize) -> Result<Vec<f64>, CloudError> {
     }
     let numbers = rows.all().map_err(broken)?;
     match numbers.iter().find(|number| !number.is_finite() || **number < 0.0) {
-        Some(found) => Err(odd(format!("with {found} in it"), "finite numbers from 0 on")),
+        Some(found) => {
+            Err(odd(format!("not usable: it holds {found}"), "finite numbers from 0 on"))
+        }
         None => Ok(numbers),
     }
 }

@@ -152,9 +152,12 @@ pub fn write_pcd(path: &Path, cloud: &Cloud, columns: &[(&str, Column)]) -> Resu
 fn check(cloud: &Cloud, columns: &[(&str, Column)]) {
     let mut taken = vec!["x", "y", "z", "red", "green", "blue", "rgb", "rgba"];
     for (name, column) in columns {
-        assert_eq!(column.len(), cloud.len(), "column `{name}`: one number a point");
+        assert_eq!(column.len(), cloud.len(), "column `{name}`: one number for each point");
         let is_word = !name.is_empty() && name.bytes().all(|byte| byte.is_ascii_graphic());
-        assert!(is_word && !taken.contains(name), "column `{name}`: one word of its own");
+        assert!(
+            is_word && !taken.contains(name),
+            "column `{name}`: wanted a single word that no other column has"
+        );
         taken.push(name);
     }
 }

@@ -172,7 +172,7 @@ fn lattice(arrays: &Arrays) -> Result<FieldLattice, NpzError> {
     for (axis, side) in shape.iter_mut().enumerate() {
         let given = numbers[4 + axis];
         if given < 1.0 || given.fract() != 0.0 || given > f64::from(u32::MAX) {
-            return refused(4 + axis, "a whole number of points a side");
+            return refused(4 + axis, "a whole number of points on each axis, at least 1");
         }
         *side = given as u32;
     }

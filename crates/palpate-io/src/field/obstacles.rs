@@ -68,7 +68,9 @@ fn all_between(low: [u32; 3], high: [u32; 3]) -> impl Iterator<Item = [u32; 3]> 
 /// The lattice of a field, and the grid coordinates of its cells.
 fn places(field: &FieldFile) -> Result<(Lattice, Vec<[u32; 3]>), String> {
     let (Some(lattice), Some(cells)) = (&field.lattice, &field.cells) else {
-        return Err("has no lattice, whose cells this is made of".to_owned());
+        return Err(
+            "has no lattice; boxes and springs are made from the cells of a lattice".to_owned()
+        );
     };
     let lattice = Lattice::new(lattice.origin_m, lattice.spacing_m, lattice.shape)
         .map_err(|error| error.to_string())?;

@@ -301,12 +301,12 @@ fn from_arrays(arrays: &Arrays) -> Result<SavedField, SavedError> {
     field.calibration = meta.calibration;
     check_calibration(arrays, &field, meta.mapper.is_some())?;
     if file.lattice != Some(FieldLattice::from(&field.lattice)) {
-        let what = "the array `lattice` is not the lattice of the settings";
+        let what = "the array `lattice` differs from the lattice in the settings";
         return Err(contradiction(arrays, what.to_owned()));
     }
     let untouched = field.untouched_n_per_m;
     if !(untouched >= 0.0 && untouched.is_finite()) {
-        let what = format!("the stiffness of untouched cells is {untouched} N/m");
+        let what = format!("the stiffness of untouched cells is {untouched} N/m; wanted 0 or more");
         return Err(contradiction(arrays, what));
     }
     if let Some(cell) = field.cells.iter().find(|cell| !field.lattice.contains(**cell)) {
@@ -329,7 +329,7 @@ fn from_arrays(arrays: &Arrays) -> Result<SavedField, SavedError> {
         let (touches, of_body) = (mapper.touches as usize, saved.elastic_touches.len());
         if touches < of_body {
             let what =
-                format!("the field has learnt {touches} touches, its elastic body {of_body}");
+                format!("the field has learnt {touches} touches, but its elastic body {of_body}");
             return Err(contradiction(arrays, what));
         }
         saved.snapshot = Some(snapshot(arrays, mapper, &saved)?);
@@ -348,7 +348,7 @@ fn check_points(arrays: &Arrays, field: &Field, points: &[[f64; 3]]) -> Result<(
     };
     let Some(row) = field.cells.iter().zip(points).position(is_off) else { return Ok(()) };
     let what = format!(
-        "row {row} (from 0) of `points` is not the place of its cell, {}: `cells` says where the springs are, so \
+        "row {row} (from 0) of `points` is not the position of its cell, {}: `points` and `cells` must agree, so \
          change both, in the same order",
         field.cells[row].0
     );
@@ -426,7 +426,7 @@ fn snapshot(
     let prior = saved.prior_n_per_m.as_deref().unwrap_or_default();
     let Some(expected) = prior.get(..mapper.expected) else {
         let what = format!(
-            "{} cells are said to have a prior of their own, but `K_prior` has {}",
+            "{} cells should have a prior of their own, but `K_prior` has {} numbers",
             mapper.expected,
             prior.len()
         );

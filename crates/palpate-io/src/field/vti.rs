@@ -43,7 +43,9 @@ fn fill(out: &mut impl Write, field: &FieldFile) -> io::Result<()> {
     let sides: [u64; 3] = std::array::from_fn(|axis| u64::from(high[axis] - low[axis]) + 1);
     let points: u64 = sides.iter().product();
     if points > MAX_POINTS {
-        return Err(refused(format!("its cells span {points} points; write it as .ply")));
+        return Err(refused(format!(
+            "its cells span {points} points, an image may have {MAX_POINTS}; write it as .ply"
+        )));
     }
 
     // Cells in the order of the image, x first.

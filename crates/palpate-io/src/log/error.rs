@@ -43,7 +43,7 @@ pub enum LogError {
     Bag(#[from] BagError),
     /// Touches are to be split at gaps in time, but the log has no time.
     #[error(
-        "`{path}` has no time, by whose gaps its touches were to be parted; leave --split-gap-s out"
+        "`{path}` has no time stamps, so it cannot be split at gaps in time; leave --split-gap-s out"
     )]
     NoClock { path: PathBuf },
 }
@@ -53,9 +53,10 @@ impl LogError {
     pub(super) fn reading(path: &Path, source: io::Error) -> Self {
         let path = path.to_owned();
         match source.kind() {
-            io::ErrorKind::NotFound => {
-                Self::Missing { path, remedy: "check the spelling and where you are".to_owned() }
-            }
+            io::ErrorKind::NotFound => Self::Missing {
+                path,
+                remedy: "check the spelling and the current folder".to_owned(),
+            },
             _ => Self::Io { path, source },
         }
     }
@@ -70,7 +71,7 @@ pub enum TableError {
     #[error("`{path}` {reason}; wanted rows of numbers below a line of column names")]
     NotCsv { path: PathBuf, reason: String },
     /// A file that is not Parquet, or a broken one.
-    #[error("`{path}` is no Parquet file, or a broken one: {reason}; copy it again")]
+    #[error("`{path}` is not a Parquet file, or is damaged: {reason}; copy it again")]
     NotParquet { path: PathBuf, reason: String },
     /// Parquet with an unsupported compression.
     #[error(
@@ -81,12 +82,12 @@ pub enum TableError {
     #[error("`{path}` is Parquet: {}", crate::not_built("Parquet"))]
     NotBuilt { path: PathBuf },
     /// Rows that exceed the memory limit.
-    #[error("`{path}`: group {group} of its rows wants {}", input::too_large())]
+    #[error("`{path}`: its row group {group} (from 0) needs {}", input::too_large())]
     TooLarge { path: PathBuf, group: usize },
     /// Columns that are missing or ambiguous.
     #[error(
         "`{path}`: {reason}. Its columns are {header}. Name those to read in the settings of the \
-         log{example}, the last two if there are any"
+         log{example}; leave out `time` or `touch` if there is no such column"
     )]
     Columns { path: PathBuf, reason: String, header: String, example: &'static str },
     /// A row that is longer or shorter than the header.
@@ -95,7 +96,7 @@ pub enum TableError {
     /// A row whose joints differ from those of the rows before.
     #[error(
         "`{path}` has the joints {found} in line {line}; wanted {wanted} as before: if several \
-         robots were recorded in one table, part it"
+         robots were recorded in one table, make one table for each"
     )]
     OtherJoints { path: PathBuf, line: u64, found: String, wanted: String },
     /// A cell of a text table that is not a finite number.
@@ -109,8 +110,8 @@ pub enum TableError {
     Value { path: PathBuf, row: u64, column: String, reason: String },
     /// Files of one log with different kinds of torques.
     #[error(
-        "`{path}`: of this file and those before it, some have columns of measured torques, others \
-         of motor currents or external torques; read them one after the other"
+        "`{path}`: this file and those before it have different columns: measured torques, motor \
+         currents or external torques; read the files of each kind separately"
     )]
     CurrentsAndTorques { path: PathBuf },
     /// A touch column that is empty in all rows.
@@ -160,7 +161,7 @@ pub enum BagError {
     /// A bag that breaks off.
     #[error(
         "`{path}` breaks off after {messages} messages of topic `{topic}` and {seconds:.1} s: \
-         {reason}. What lies before can be read (--until-break)"
+         {reason}. The messages before this place can be read with --until-break"
     )]
     Broken { path: PathBuf, topic: String, messages: u64, seconds: f64, reason: String },
 }

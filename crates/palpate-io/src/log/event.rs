@@ -89,7 +89,7 @@ pub enum LogWarning {
     /// The clock of a touch stood still or ran backwards; one warning for each touch.
     #[error(
         "touch `{touch}`: the clock goes from {before_s} s to {now_s} s in row {row} (from 0), and \
-         does not advance {count} times in all; the order of the rows was believed"
+         does not advance {count} times in all; the rows were used in their order"
     )]
     TimeNotIncreasing {
         /// Name of the touch.
@@ -122,8 +122,8 @@ pub enum LogWarning {
     },
     /// A bag that breaks off; it was read up to the break.
     #[error(
-        "the bag breaks off after {messages} messages and {seconds:.1} s ({reason}); what lies \
-         before was read"
+        "the bag breaks off after {messages} messages and {seconds:.1} s ({reason}); the \
+         messages before this place were read"
     )]
     BrokenOff {
         /// Number of messages that could be read.

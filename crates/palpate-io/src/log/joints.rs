@@ -9,7 +9,8 @@ use std::collections::BTreeMap;
 pub enum JointNameError {
     /// A joint of the robot that is not in the log.
     #[error(
-        "the robot's joint `{joint}` is not in the log, whose joints are {} (--rename LOG=URDF says which is which)",
+        "the robot's joint `{joint}` is not in the log, whose joints are {} (if it has another name there, \
+         give --rename LOG=URDF)",
         log.join(", ")
     )]
     Missing { joint: String, log: Vec<String> },
@@ -70,7 +71,10 @@ pub fn unmatched(robot: &[String], log: &[String]) -> (Vec<usize>, usize) {
     let by_number = renamed_by_number(robot, log).map(|log| of(robot, &log));
     // `min_by_key` takes the first of equal ones.
     let all = [Some(exact), Some(alike), by_number];
-    all.into_iter().flatten().min_by_key(|(missing, _)| missing.len()).expect("there are two")
+    all.into_iter()
+        .flatten()
+        .min_by_key(|(missing, _)| missing.len())
+        .expect("there are at least two")
 }
 
 /// A series of names that differ only in their number, by number.
@@ -116,7 +120,7 @@ fn counted(names: &[String]) -> Vec<Counted<'_>> {
         series.entry((stem, &name[end..])).or_default().insert(number, name);
     }
     let is_whole = |series: &Counted<'_>| {
-        let first = *series.keys().next().expect("none is empty");
+        let first = *series.keys().next().expect("no series is empty");
         let rises = series.keys().zip(first..).all(|(number, wanted)| *number == wanted);
         series.len() >= MIN_COUNTED && first <= 1 && rises
     };
@@ -161,7 +165,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn prefixes_of_all_names_do_not_matter() {
+    fn prefixes_that_all_names_share_are_ignored() {
         let arm = |prefix: &str| (1..=3).map(|j| format!("{prefix}joint{j}")).collect::<Vec<_>>();
         for (robot, log) in [("fr3_", "panda_"), ("", "panda_"), ("lbr_", ""), ("a_", "/left/b_")] {
             let mut log = arm(log);
@@ -178,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn endings_of_all_names_do_not_matter() {
+    fn suffixes_that_all_names_share_are_ignored() {
         let names = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
         let robot = names(&["shoulder_pan_joint", "elbow_joint", "wrist_1_joint"]);
         let log = names(&["elbow", "wrist_1", "shoulder_pan"]);
@@ -189,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_only_count_are_matched_by_their_numbers() {
+    fn names_that_differ_only_in_a_number_are_matched_by_their_numbers() {
         let count = |stem: &str, numbers: std::ops::Range<u32>, end: &str| -> Vec<String> {
             numbers.map(|number| format!("{stem}{number}{end}")).collect()
         };

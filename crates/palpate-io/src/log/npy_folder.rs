@@ -206,7 +206,7 @@ impl Table {
             _ => "",
         };
         Err(self.misfit(format!(
-            "T x n, one row a frame and one column a joint (at most {MAX_JOINTS}){remedy}"
+            "T x n, one row for each frame and one column for each joint (at most {MAX_JOINTS}){remedy}"
         )))
     }
 
@@ -388,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_is_named() {
+    fn the_error_names_what_is_missing() {
         let set = tempfile::tempdir().unwrap();
         assert!(complaint(&set.path().join("nowhere")).contains("does not exist"));
         assert!(complaint(set.path()).contains("it is empty"));

@@ -52,7 +52,7 @@ impl<W: Write> TableWriter<W> {
             None => self.header(sample)?,
         };
         if timed != sample.time_s.is_some() {
-            return Err(unlike("time"));
+            return Err(unlike("only one of them has a time"));
         }
         let mut row = vec![self.names.latest().to_owned()];
         row.extend(sample.time_s.map(|time_s| time_s.to_string()));
@@ -148,7 +148,7 @@ impl ArraysWriter {
     /// If it cannot be written, or differs from the first sample of the touch in the number of
     /// joints or in having a time.
     pub fn sample(&mut self, sample: &Sample) -> io::Result<()> {
-        let touch = self.touch.as_mut().ok_or_else(|| unlike("touch"))?;
+        let touch = self.touch.as_mut().ok_or_else(|| unlike("no touch was started for it"))?;
         touch.sample(sample)
     }
 
@@ -202,7 +202,7 @@ impl Touch {
         }
         let Some((angles, torques, time)) = &mut self.files else { return Ok(()) };
         if sample.q.len() != self.joints || sample.tau.len() != self.joints {
-            return Err(unlike("joints"));
+            return Err(unlike("it has another number of joints"));
         }
         let put = |file: &mut BufWriter<File>, values: &[f64]| {
             values.iter().try_for_each(|value| file.write_all(&value.to_le_bytes()))
@@ -212,7 +212,7 @@ impl Touch {
         match (time, sample.time_s) {
             (Some(file), Some(time_s)) => put(file, &[time_s])?,
             (None, None) => {}
-            _ => return Err(unlike("time")),
+            _ => return Err(unlike("only one of them has a time")),
         }
         self.rows += 1;
         Ok(())
@@ -236,6 +236,6 @@ impl Touch {
 }
 
 fn unlike(what: &str) -> io::Error {
-    let what = format!("a sample has not the same {what} as the first one");
+    let what = format!("a sample does not fit the first one: {what}");
     io::Error::new(io::ErrorKind::InvalidData, what)
 }

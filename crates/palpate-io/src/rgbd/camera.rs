@@ -33,7 +33,7 @@ impl Intrinsics {
     ) -> Result<Self, String> {
         if [width, height].iter().any(|side| !(1..=MAX_SIDE).contains(side)) {
             return Err(format!(
-                "the image is {width} x {height} pixels; wanted 1 to {MAX_SIDE} a side"
+                "the image is {width} x {height} pixels; wanted 1 to {MAX_SIDE} on each side"
             ));
         }
         let sides = [f64::from(width), f64::from(height)];
@@ -53,7 +53,7 @@ impl Intrinsics {
             if !(-side..=2.0 * side).contains(&centre) {
                 return Err(format!(
                     "c{name} is {centre}, far outside of the {side} pixels; wanted the pixel where \
-                     the optical axis ends"
+                     the optical axis meets the image"
                 ));
             }
         }

@@ -82,17 +82,18 @@ fn tree(bytes: &[u8]) -> Result<Value, String> {
     if bytes.len() > MAX_BYTES {
         return Err("is longer than 1 MiB, too long for a camera".to_owned());
     }
-    let text = std::str::from_utf8(bytes).map_err(|_| "is not text, so no camera".to_owned())?;
+    let text = std::str::from_utf8(bytes)
+        .map_err(|_| "is not text; wanted a camera as JSON or YAML".to_owned())?;
     let text = text.trim_start_matches('\u{feff}');
     let tree: Value = if text.trim_start().starts_with('{') {
-        serde_json::from_str(text).map_err(|error| format!("is no JSON: {error}"))?
+        serde_json::from_str(text).map_err(|error| format!("is not valid JSON: {error}"))?
     } else {
         let is_mark = |line: &&str| matches!(line.trim_end(), "---" | "...");
         let first: Vec<&str> =
             text.lines().skip_while(is_mark).take_while(|line| !is_mark(line)).collect();
         serde_saphyr::from_str(&first.join("\n")).map_err(|error| {
             let line = error.to_string();
-            format!("is no YAML: {}", line.lines().next().unwrap_or_default())
+            format!("is not valid YAML: {}", line.lines().next().unwrap_or_default())
         })?
     };
     match tree {
@@ -110,9 +111,11 @@ fn intrinsics(camera: &Value) -> Result<Intrinsics, String> {
     let ([fx, fy], [cx, cy]) = matrix(camera)?;
     let side = |names: [&str; 2]| {
         let value = names.iter().find_map(|name| camera.get(name));
-        let value = value.ok_or_else(|| format!("has no `{}`, the pixels a side", names[0]))?;
+        let value = value.ok_or_else(|| format!("has no `{}`, a number of pixels", names[0]))?;
         let side = value.as_u64().and_then(|side| u32::try_from(side).ok());
-        side.ok_or_else(|| format!("has the {} {}; wanted pixels", names[0], shortened(value)))
+        side.ok_or_else(|| {
+            format!("has the {} {}; wanted a whole number of pixels", names[0], shortened(value))
+        })
     };
     let size = [side(["width", "image_width"])?, side(["height", "image_height"])?];
     Intrinsics::new(size, [fx, fy], [cx, cy], distortion(camera)?)
@@ -171,7 +174,7 @@ fn distortion(camera: &Value) -> Result<Distortion, String> {
     lens.ok_or_else(|| {
         format!(
             "has the distortion model `{model}` with {} coefficients; wanted plumb_bob with 4 or 5 \
-             or rational_polynomial with 8: rectify the images, and say `none`",
+             or rational_polynomial with 8: rectify the images, and write `none`",
             coefficients.len()
         )
     })

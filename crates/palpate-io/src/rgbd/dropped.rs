@@ -22,8 +22,9 @@ impl fmt::Display for DroppedPixels {
         let Self { without_depth, out_of_range, flying, beyond_lens, outside_box } = self;
         write!(
             out,
-            "{without_depth} have no depth, {out_of_range} are out of range, {flying} hang in the \
-             air, {beyond_lens} lie beyond the lens, {outside_box} outside of the box"
+            "{without_depth} have no depth, {out_of_range} are out of range, {flying} fly \
+             between object and background, {beyond_lens} are where the lens model has no \
+             inverse, {outside_box} are outside of the box"
         )
     }
 }
@@ -38,7 +39,7 @@ impl DroppedPixels {
             (self.beyond_lens, "look at the distortion coefficients"),
             (
                 self.flying,
-                "the depth is too noisy to distinguish edges from objects; keep flying pixels",
+                "the depth is too noisy to distinguish edges from objects; keep the flying pixels",
             ),
         ];
         // `max_by_key` takes the last of equal counts: with `rev`, the first in the list.

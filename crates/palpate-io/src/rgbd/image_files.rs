@@ -66,7 +66,7 @@ pub(super) fn decode_depth(
     path: &Path,
     unit_m: f64,
 ) -> Result<DepthImage, RgbdError> {
-    assert!(unit_m > 0.0 && unit_m.is_finite(), "the unit of depth is positive and finite");
+    assert!(unit_m > 0.0 && unit_m.is_finite(), "the unit of depth must be positive and finite");
     let image = match bytes {
         [0x89, b'P', b'N', b'G', ..] => depth_png(bytes, unit_m),
         [b'I', b'I', ..] | [b'M', b'M', ..] => depth_tiff(bytes, unit_m),
@@ -90,8 +90,8 @@ fn size(width: u64, height: u64, length: usize) -> Result<[u32; 2], String> {
     match (side(width), side(height)) {
         (Some(w), Some(h)) if width * height <= most => Ok([w, h]),
         _ => Err(format!(
-            "claims {width} x {height} pixels; wanted some, at most {MAX_SIDE} a side and {most} \
-             in all for its length"
+            "claims {width} x {height} pixels; wanted 1 to {MAX_SIDE} on each side and at \
+             most {most} in all for a file of this length"
         )),
     }
 }
@@ -160,8 +160,8 @@ fn depth_png(bytes: &[u8], unit_m: f64) -> Result<DepthImage, String> {
     let (colour, bits) = reader.output_color_type();
     if (colour, bits) != (png::ColorType::Grayscale, png::BitDepth::Sixteen) {
         return Err(format!(
-            "is a PNG of type {colour:?} with {} bits; wanted grey with 16 bits: a picture of the \
-             depth in colours or 8 bits has lost it",
+            "is a PNG of type {colour:?} with {} bits; wanted grey with 16 bits: a picture \
+             in colours or with 8 bits does not contain the depth",
             bits as u8
         ));
     }
@@ -193,10 +193,10 @@ fn depth_tiff(bytes: &[u8], unit_m: f64) -> Result<DepthImage, String> {
         DecodingResult::F64(metres) => metres.into_iter().map(|m| m as f32).collect(),
         DecodingResult::U16(units) => units.into_iter().map(|u| integer(u.into())).collect(),
         DecodingResult::U32(units) => units.into_iter().map(|u| integer(u.into())).collect(),
-        _ => return Err(format!("is a TIFF of other numbers; {wanted}")),
+        _ => return Err(format!("is a TIFF with another type of numbers; {wanted}")),
     };
     if metres.len() as u64 != u64::from(width) * u64::from(height) {
-        return Err("cannot be read: it has not one depth a pixel".to_owned());
+        return Err("cannot be read: it does not have one depth for each pixel".to_owned());
     }
     Ok(DepthImage::new(width, height, metres, unit_m))
 }

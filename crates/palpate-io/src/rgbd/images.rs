@@ -16,7 +16,10 @@ impl ColourImage {
     #[must_use]
     pub fn new(width: u32, height: u32, pixels: Vec<[u8; 3]>) -> Self {
         let n = u64::from(width) * u64::from(height);
-        assert!(n > 0 && n == pixels.len() as u64, "one colour a pixel, and some pixels");
+        assert!(
+            n > 0 && n == pixels.len() as u64,
+            "one colour for each pixel, and at least one pixel"
+        );
         Self { width, pixels }
     }
 
@@ -58,7 +61,10 @@ impl DepthImage {
     #[must_use]
     pub fn new(width: u32, height: u32, metres: Vec<f32>, unit_m: f64) -> Self {
         let n = u64::from(width) * u64::from(height);
-        assert!(n > 0 && n == metres.len() as u64, "one depth a pixel, and some pixels");
+        assert!(
+            n > 0 && n == metres.len() as u64,
+            "one depth for each pixel, and at least one pixel"
+        );
         Self { width, metres, unit_m }
     }
 

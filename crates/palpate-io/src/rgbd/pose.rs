@@ -54,7 +54,7 @@ fn numbers_of_file(bytes: &[u8]) -> Result<Vec<f64>, String> {
         return numbers_of_text(text);
     }
     let object: serde_json::Value =
-        serde_json::from_str(text).map_err(|error| format!("it is no JSON: {error}"))?;
+        serde_json::from_str(text).map_err(|error| format!("it is not valid JSON: {error}"))?;
     numbers_in(object.get("camera_to_world").ok_or("it has no key `camera_to_world`")?)
 }
 
@@ -64,7 +64,7 @@ fn numbers_of_text(text: &str) -> Result<Vec<f64>, String> {
     let words = lines.flat_map(|line| line.split(is_between)).filter(|word| !word.is_empty());
     let number = |word: &str| {
         let shown: String = word.chars().take(24).collect();
-        word.parse().map_err(|_| format!("`{shown}` is no number"))
+        word.parse().map_err(|_| format!("`{shown}` is not a number"))
     };
     words.map(number).collect()
 }
@@ -115,16 +115,16 @@ fn nearest_rotation(turn: &Matrix3<f64>) -> Result<UnitQuaternion<f64>, String> 
     let off = (turn.transpose() * turn - Matrix3::identity()).amax();
     if off.is_nan() || off > SLACK {
         return Err(format!(
-            "its upper left 3x3 is no rotation: columns are off from length 1 and right angles by \
-             {off:.3}"
+            "its upper left 3x3 is not a rotation: its columns deviate by {off:.3} from length 1 \
+             and right angles"
         ));
     }
     if turn.determinant() < 0.0 {
-        return Err("its upper left 3x3 is a reflection: one axis looks the wrong way".to_owned());
+        return Err("its upper left 3x3 is a reflection: one axis points the wrong way".to_owned());
     }
     let svd = turn.svd(true, true);
     let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
-        return Err("its upper left 3x3 is no rotation".to_owned());
+        return Err("its upper left 3x3 is not a rotation".to_owned());
     };
     Ok(UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(u * v_t)))
 }

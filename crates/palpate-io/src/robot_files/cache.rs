@@ -35,8 +35,8 @@ impl Cache {
             Some(folder) if input::is_private_to_user(&folder).is_ok_and(|own| !own) => {
                 let why = format!(
                     "the cache folder `{}` is not used: it belongs to another user, or others may \
-                     write to it; choose another one (--cache-dir), or take their right away \
-                     (chmod go-w)",
+                     write to it; choose another one (--cache-dir), or remove their right to \
+                     write (chmod go-w)",
                     folder.display()
                 );
                 (Self { folder: None }, Some(why))
@@ -84,7 +84,7 @@ impl Cache {
                 out.write_all(seal.as_bytes())
             })
         });
-        written.map_err(|error| format!("the baked link could not be kept for next time: {error}"))
+        written.map_err(|error| format!("the baked link could not be stored in the cache: {error}"))
     }
 }
 

@@ -24,7 +24,10 @@ pub(super) fn read(text: &str) -> Result<TriangleMesh, String> {
     let document = xml::parse(text)?;
     let root = document.root_element();
     if root.tag_name().name() != "COLLADA" {
-        return Err(format!("is no COLLADA file but <{}>", root.tag_name().name()));
+        return Err(format!(
+            "is not a COLLADA file: its root element is <{}>",
+            root.tag_name().name()
+        ));
     }
     let ids = root.descendants().filter_map(|node| Some((node.attribute("id")?, node))).collect();
     let mut scene = Scene { ids, mesh: TriangleMesh::default() };
@@ -59,7 +62,7 @@ fn unit_m(root: Node<'_, '_>) -> Result<f64, String> {
     let unit = child(root, "asset").and_then(|asset| child(asset, "unit"));
     let Some(meter) = unit.and_then(|unit| unit.attribute("meter")) else { return Ok(1.0) };
     let number = meter.trim().parse::<f64>().ok().filter(|unit| unit.is_finite() && *unit > 0.0);
-    number.ok_or_else(|| format!("has a unit of `{meter}` m"))
+    number.ok_or_else(|| format!("has a unit of `{meter}` m; wanted a number above 0"))
 }
 
 /// The elements of the file by id, and the mesh collected so far.
@@ -85,7 +88,7 @@ impl<'a, 'i> Scene<'a, 'i> {
         while let Some((parent, world_from_parent)) = ahead.pop() {
             visited += 1;
             if visited > MAX_NODES {
-                return Err(format!("shows more than {MAX_NODES} nodes; does one show itself?"));
+                return Err(format!("has more than {MAX_NODES} nodes; does one contain itself?"));
             }
             let world_from_node = world_from_parent * parent_from_node(parent)?;
             for child in parent.children().filter(Node::is_element) {
@@ -116,7 +119,7 @@ impl<'a, 'i> Scene<'a, 'i> {
             for mut triangle in polygons {
                 if let Some(corner) = triangle.iter().find(|&&v| v as usize >= positions.len()) {
                     let n = positions.len();
-                    return Err(format!("refers to position {corner}, where it holds {n}"));
+                    return Err(format!("refers to position {corner} (from 0), but holds {n}"));
                 }
                 if mirrored {
                     triangle.swap(1, 2);
@@ -142,10 +145,10 @@ impl<'a, 'i> Scene<'a, 'i> {
             text.map_or(Some(default), |text| text.trim().parse::<usize>().ok())
         };
         let (Some(stride), Some(start)) = (setting("stride", 3), setting("offset", 0)) else {
-            return Err("has an <accessor> without a whole stride and offset".to_owned());
+            return Err("has an <accessor> whose stride or offset is not a whole number".to_owned());
         };
         if stride < 3 {
-            return Err(format!("has positions of {stride} numbers"));
+            return Err(format!("has positions of {stride} numbers; wanted at least 3"));
         }
         let rows = numbers.get(start..).unwrap_or_default().chunks(stride);
         Ok(rows.filter_map(|row| Some(Point3::from(*row.first_chunk::<3>()?))).collect())
@@ -197,7 +200,7 @@ fn polygons(part: Node<'_, '_>) -> Result<Option<Vec<[u32; 3]>>, String> {
     let last = inputs().map(offset).try_fold(0, |most, offset| Some(most.max(offset?)));
     let at = offset(input(part, "VERTEX")?);
     let (Some(last), Some(at)) = (last, at) else {
-        return Err("has an <input> without a believable offset".to_owned());
+        return Err("has an <input> whose offset is not a whole number below 64".to_owned());
     };
     let mut triangles = Vec::new();
     for list in part.descendants().filter(|node| is(node, "p")) {
@@ -210,7 +213,9 @@ fn polygons(part: Node<'_, '_>) -> Result<Option<Vec<[u32; 3]>>, String> {
                 let counts = child(part, "vcount").ok_or("has a <polylist> without <vcount>")?;
                 let mut rest = corners.as_slice();
                 for count in numbers::<usize>(counts)? {
-                    let polygon = rest.split_off(..count).ok_or("has a <vcount> beyond its <p>")?;
+                    let polygon = rest
+                        .split_off(..count)
+                        .ok_or("has a <vcount> of more corners than its <p>")?;
                     fan(polygon, &mut triangles);
                 }
             }

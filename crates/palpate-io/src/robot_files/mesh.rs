@@ -157,15 +157,15 @@ mod tests {
             (read_as(b"v 0 0 0\nf 1 2 3\n", "a.obj"), "cannot be read"),
             (read_as(b"v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n", "a.obj"), ""),
             (read_as(b"ply", "a.ply"), "convert it"),
-            (read_as(b"<a>", "a.dae"), "no readable XML"),
-            (read_as(b"<svg/>", "a.dae"), "no COLLADA file but <svg>"),
+            (read_as(b"<a>", "a.dae"), "not readable XML"),
+            (read_as(b"<svg/>", "a.dae"), "not a COLLADA file: its root element is <svg>"),
             (dae("#box-positions\"", "#nothing\""), "`#nothing`"),
-            (dae("1 3 7 1 7 5", "1 3 8 1 7 5"), "position 8, where it holds 8"),
+            (dae("1 3 7 1 7 5", "1 3 8 1 7 5"), "position 8 (from 0), but holds 8"),
             (dae("2000 1000 0", "2000 NaN 0"), "not finite"),
             (dae("2000 1000 0", "2000 x 0"), "`x` among the numbers of <float_array>"),
-            (dae("4 4 4 4 4", "4 4 4 4 5"), "<vcount> beyond"),
+            (dae("4 4 4 4 4", "4 4 4 4 5"), "<vcount> of more corners"),
             (dae("meter=\"0.001\"", "meter=\"0\""), "unit of `0` m"),
-            (dae("#turned\"", "#scene\""), "show itself"),
+            (dae("#turned\"", "#scene\""), "contain itself"),
         ];
         for (index, (result, wanted)) in cases.into_iter().enumerate() {
             let error = result.expect_err(wanted);

@@ -112,7 +112,7 @@ pub enum RobotFileError {
     #[error("`{path}`: {source}")]
     Urdf { path: PathBuf, source: RobotError },
     /// A mesh file that was not found.
-    #[error("link `{link}` wants the mesh `{written}`, which is not there; looked for {looked}")]
+    #[error("link `{link}` needs the mesh `{written}`, which was not found; looked for {looked}")]
     NoMesh { link: String, written: String, looked: String },
     /// A broken mesh file.
     #[error("link `{link}`: the mesh `{path}` {reason}")]
@@ -248,7 +248,8 @@ impl Baker {
                 let looked: Vec<String> =
                     looked.iter().take(6).map(|path| format!("`{}`", path.display())).collect();
                 let looked = match looked.as_slice() {
-                    [] => "no place: copy it to a file beside the URDF".to_owned(),
+                    [] => "no file: copy it to a file beside the URDF, and name that in the URDF"
+                        .to_owned(),
                     places => places.join(", "),
                 };
                 let (link, written) = (link.name.clone(), written.clone());

@@ -10,9 +10,9 @@ const MAX_DEPTH: usize = 256;
 /// Parses a document. The error is the end of a message to the user.
 pub(super) fn parse(text: &str) -> Result<Document<'_>, String> {
     if nests_deeper_than(text, MAX_DEPTH) {
-        return Err(format!("is no readable XML: elements nest deeper than {MAX_DEPTH}"));
+        return Err(format!("is not readable XML: elements nest deeper than {MAX_DEPTH}"));
     }
-    Document::parse(text).map_err(|error| format!("is no readable XML: {error}"))
+    Document::parse(text).map_err(|error| format!("is not readable XML: {error}"))
 }
 
 #[cfg(test)]

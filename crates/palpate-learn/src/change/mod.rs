@@ -486,7 +486,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_motion_may_leave_more_than_a_factor_only_where_touches_repeat_others() {
+    fn a_motion_may_leave_a_larger_error_than_a_factor_only_where_touches_repeat_others() {
         let sums = Sums { error: 100.0, measured: 60.0, ..Sums::default() };
         let motion = ObjectMotion { shift_m: [0.03, 0.0, 0.0], turn_rad: 0.0, about_m: [0.0; 2] };
         let word = |moved: f64, scaled: f64, repeats: bool| {

@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn features_that_say_nothing_leave_one_pivot() {
+    fn features_that_are_all_zero_leave_one_pivot() {
         assert_eq!(Basis::new(&DMatrix::zeros(2, 100), 1.0).len(), 1);
     }
 }

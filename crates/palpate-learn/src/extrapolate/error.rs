@@ -12,11 +12,11 @@ pub enum ExtrapolateError {
     #[error("the cloud holds no point")]
     NothingSeen,
     /// A field without touched cells.
-    #[error("the field holds no touched cell: there is nothing to carry over")]
+    #[error("the field holds no touched cell: there is no stiffness to extrapolate")]
     NothingTouched,
     /// The cloud is far from the touched cells.
     #[error(
-        "the cloud and the touched cells miss each other by {gap_m:.3} m (along x, y, z by \
+        "the cloud and the touched cells are {gap_m:.3} m apart (along x, y, z by \
          {apart_m:.3?}): the cloud spans {cloud} m, the cells {field} m; is the cloud in the frame \
          of the robot's base, in metres, and is it the object that was touched?"
     )]
@@ -24,12 +24,12 @@ pub enum ExtrapolateError {
     /// No touched cell is near a point of the cloud.
     #[error(
         "no touched cell lies at a point of the cloud: the nearest is {gap_m:.3} m away, further \
-         than {reach_m:.3} m; touch what the camera sees, or widen the reach"
+         than {reach_m:.3} m; touch what the camera sees, or increase the reach"
     )]
     NoneTouched { gap_m: f64, reach_m: f64 },
     /// The method `torque` without remembered touches.
     #[error(
-        "the method `torque` learns from torques, and there is no touch to take them from; use \
+        "the method `torque` learns from torques, but the field remembers no touch; use \
          `cells` or `knn`, or a field that was saved with its memory"
     )]
     NoTorques,

@@ -74,7 +74,7 @@ impl std::str::FromStr for Features {
                 _ => {
                     return Err(format!(
                         "`{name}` in `{text}` is no feature; wanted one of rgb, oklab and chroma, \
-                         and height or shape, joined by `+`: chroma+height"
+                         and height or shape, joined by `+`, such as chroma+height"
                     ));
                 }
             }
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn names_go_round_and_others_are_refused() {
+    fn names_are_written_as_they_are_read_and_others_are_refused() {
         for name in ["rgb", "oklab", "chroma", "chroma+height", "height", "rgb+height+shape"] {
             assert_eq!(name.parse::<Features>().unwrap().to_string(), name);
         }
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn features_are_standardised_and_what_is_the_same_everywhere_says_nothing() {
+    fn features_are_standardised_and_constant_ones_are_zero() {
         let points: Vec<_> = (0..50).map(|n| Point3::new(f64::from(n), 0.0, 1.0)).collect();
         let colours: Vec<_> = (0..50_u8).map(|n| [4 * n, 100, 50]).collect();
         let seen = SeenCloud::new(&points, &colours).unwrap();

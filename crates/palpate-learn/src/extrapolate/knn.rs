@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cell_that_was_brushed_counts_less() {
+    fn a_cell_with_little_displacement_counts_less() {
         let features = DMatrix::from_row_slice(1, 3, &[0.0, 0.0, 0.0]);
         let touched = [Some((1.0, 0.9)), Some((10.0, 0.1)), None];
         let (k, _) = at_all_points(&features, &touched, 50, 1.0);

@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn areas_of_cases_on_paper() {
+    fn areas_are_as_computed_by_hand() {
         let positive = [false, false, true, true];
         assert_eq!(area_under_roc(&[1.0, 2.0, 3.0, 4.0], &positive), Some(1.0));
         assert_eq!(area_under_roc(&[4.0, 3.0, 2.0, 1.0], &positive), Some(0.0));
@@ -55,7 +55,7 @@ mod tests {
     }
 
     #[test]
-    fn an_order_agrees_with_itself_however_it_is_bent_and_ties_share_a_rank() {
+    fn rank_correlation_ignores_monotonic_functions_and_ties_share_a_rank() {
         let a = [0.1, 0.5, 0.2, 9.0];
         assert_eq!(spearman(&a, &a.map(f64::exp)), Some(1.0));
         assert_eq!(spearman(&a, &a.map(|x| -x)), Some(-1.0));

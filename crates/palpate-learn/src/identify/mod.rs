@@ -61,7 +61,7 @@ pub struct IdentifyConfig {
 #[allow(missing_docs)] // the messages name the fields
 pub enum IdentifyError {
     /// Too few samples.
-    #[error("{found} samples are too few; {wanted} are wanted")]
+    #[error("found {found} samples; wanted at least {wanted}")]
     TooShort { found: usize, wanted: usize },
     /// No joint moves.
     #[error(
@@ -69,26 +69,28 @@ pub enum IdentifyError {
     )]
     NoMotion { wanted: f64 },
     /// All torques are constant.
-    #[error("the torques are {0} N·m throughout: there is nothing in them")]
+    #[error("the torques are {0} N·m in all samples: were they recorded?")]
     NoTorque(f64),
     /// Stopped by the caller.
     #[error("stopped")]
     Stopped,
     /// Gravity is already subtracted from the torques.
     #[error(
-        "the torques hold no gravity: the robot has taken it off, with masses and friction of its own; identification \
-         wants the measured torques (of a Franka `tau_J`, not `tau_ext_hat_filtered`); if they do hold it, say --gravity \
-         included"
+        "the torques contain no gravity: the robot has subtracted it, with its own values of masses and friction; \
+         identification needs the measured torques (of a Franka `tau_J`, not `tau_ext_hat_filtered`); if the torques do \
+         contain gravity, give --gravity included"
     )]
     GravityRemoved,
     /// A payload on a link that does not move.
-    #[error("the payload's link is moved by no joint")]
+    #[error("no joint moves the link of the payload")]
     PayloadLink,
     /// A sample that does not fit the robot.
     #[error(transparent)]
     Sample(#[from] palpate::TrackerError),
     /// The regression has no finite solution.
-    #[error("the regression cannot be solved: are there numbers in the log that are far off?")]
+    #[error(
+        "the regression has no finite solution: does the log contain numbers that are far too large?"
+    )]
     Unsolvable,
 }
 

@@ -337,12 +337,12 @@ fn of_gains(identified: &IdentifiedArm) -> Option<String> {
     match negative.len() {
         0 => None,
         all if all == identified.joints.len() => Some(
-            "all gains are negative: these torques or currents count the other way (--torque-sign)"
+            "all gains are negative: these torques or currents have the opposite sign (--torque-sign)"
                 .to_owned(),
         ),
         _ => Some(format!(
-            "the gain of {} is negative, and those of other joints are not: does it count the other way, are its torques those \
-             of another joint, or did it hardly move?",
+            "the gain of {} is negative, and those of other joints are not: has its torque the opposite sign, is it the torque \
+             of another joint, or did the joint hardly move?",
             negative.join(", ")
         )),
     }
@@ -353,8 +353,8 @@ fn of_delay(identified: &IdentifiedArm) -> Option<String> {
     let Estimate { value, std } = identified.delay_s;
     (identified.timed && value < -2.0 * std - EARLY_S).then(|| {
         format!(
-            "the torques come {:.0} ms before the positions, which no robot does: stamps are those of another clock, \
-             torques are of other joints, or friction at reversal is not as the model has it",
+            "the torques come {:.0} ms before the positions, which is impossible: the time stamps are those of another \
+             clock, the torques are those of other joints, or friction at reversals does not follow the model",
             -1e3 * value
         )
     })
@@ -384,7 +384,7 @@ fn notes(
     }
     if identified.timed && !has_settled {
         notes.push(
-            "delay and presliding distances did not settle: faster turns, or a higher rate, distinguish them"
+            "delay and presliding distances did not converge: faster reversals, or a higher sampling rate, distinguish them"
                 .to_owned(),
         );
     }
@@ -401,8 +401,8 @@ fn notes(
     let payload = &identified.payload;
     if payload.mass_kg.std > 0.5 * payload.mass_kg.value.abs().max(1.0) {
         notes.push(format!(
-            "the payload cannot be determined: its mass has a standard deviation of {:.2} kg; gravity must change at the joints \
-             before it, which vertical axes and poses that are alike do not do",
+            "the payload cannot be determined: its mass has a standard deviation of {:.2} kg; the torque of gravity must \
+             change at the joints that carry it, but it does not at vertical axes or if all poses are alike",
             payload.mass_kg.std
         ));
     }
@@ -419,8 +419,8 @@ fn of_joints(joints: &[JointEstimate], motion: &Checked) -> Vec<String> {
         .collect();
     if !still.is_empty() {
         notes.push(format!(
-            "{} moved by less than {MIN_MOTION} rad: nothing is known of {} friction, and its bias and gravity are \
-             not distinguished; move every joint both ways, as `palpate excite` does",
+            "{} moved by less than {MIN_MOTION} rad: {} friction cannot be determined, and bias cannot be distinguished \
+             from gravity; move every joint in both directions, as `palpate excite` does",
             still.join(", "),
             if still.len() == 1 { "its" } else { "their" }
         ));
@@ -428,7 +428,7 @@ fn of_joints(joints: &[JointEstimate], motion: &Checked) -> Vec<String> {
     let silent: Vec<&str> = motion.silent.iter().map(|j| joints[*j].name.as_str()).collect();
     if !silent.is_empty() {
         notes.push(format!(
-            "the torque of {} never changes: it is not measured, so its friction, bias and gain are unknown",
+            "the torque of {} never changes: it is not measured, so friction, bias and gain cannot be determined",
             silent.join(", ")
         ));
     }
@@ -440,9 +440,9 @@ fn of_stamps(read_times: ReadTimes) -> Option<String> {
     let ReadTimes { corrected, rms_s } = read_times;
     (corrected > 0).then(|| {
         format!(
-            "in {corrected} {}, stamps are {:.1} ms (root mean square) from the times at which the joints were read, as where \
-             a node publishes joint states again at a rate of its own; speeds are computed with the times that follow from \
-             how the joints move together",
+            "in {corrected} {}, time stamps differ by {:.1} ms (root mean square) from the times at which the joints were read, \
+             as where a node publishes joint states again at a rate of its own; speeds are computed with corrected times, which \
+             follow from how the joints move together",
             if corrected == 1 { "touch" } else { "touches" },
             1e3 * rms_s
         )
@@ -463,7 +463,7 @@ fn far_off(few: &ResidualOutliers) -> String {
     format!(
         "{samples} of {of} samples have {:.0} % of the squared residual on held-out motion (residuals up to \
          {largest:.1} N·m), most of it in touch {touch}, samples {from} to {to} (from 0): the arm jerks there, or is \
-         touched; the residual of the other samples is {own:.2} N·m, and {gravity:.2} N·m after gravity of the URDF",
+         touched; the residual of the other samples is {own:.2} N·m, and {gravity:.2} N·m with the gravity of the URDF alone",
         100.0 * share
     )
 }
@@ -478,14 +478,15 @@ fn misfit(identified: &IdentifiedArm, motion: &Checked) -> Option<String> {
     let (urdf, own) = (total(&held_out.urdf), total(&held_out.identified));
     if own > MAX_RESIDUAL * variation {
         Some(format!(
-            "on motion that was held out {own:.2} N·m remain unexplained of torques that vary by {variation:.2} N·m: \
+            "on held-out motion, {own:.2} N·m remain unexplained, of torques that vary by {variation:.2} N·m: \
              is it another robot, are its joints in another order, the angles in degrees (--angle-unit deg), the \
              torques in another unit, or was something touched?"
         ))
     } else if own > 0.9 * urdf.min(total(&held_out.gravity)) {
         Some(format!(
-            "on motion that was held out the model leaves {own:.2} N·m unexplained, the URDF alone {urdf:.2} N·m: it \
-             is no better; the motion is too short or too much alike, something was touched, or it is another robot"
+            "on held-out motion, the identified model leaves {own:.2} N·m unexplained, and the URDF alone {urdf:.2} N·m, so \
+             the model is no better; the motion is too short or not varied enough, something was touched, or it is another \
+             robot"
         ))
     } else {
         None

@@ -252,7 +252,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ripple_is_found_with_its_order_by_the_joint_that_makes_it_in_those_that_feel_it() {
+    fn ripple_of_one_joint_is_found_with_its_order_in_the_joints_on_which_it_acts() {
         let coefficients = |phase: f64| -> Vec<f64> {
             (0..RIPPLE_COEFFICIENTS).map(|k| 0.4 * (phase + 1.3 * k as f64).sin()).collect()
         };

@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn training_frames_are_met_within_the_noise_and_exactly_without_it() {
+    fn training_frames_are_reproduced_within_the_noise_and_exactly_without_it() {
         let frames = surface(60, 3);
         let deviation = Scales::of(&frames).torques.deviation[0];
         let miss = |noise_variance: f64| {

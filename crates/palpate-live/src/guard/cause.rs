@@ -11,13 +11,13 @@ pub enum Cause {
     Ended,
     #[error("{of} external torque of joint `{joint}` is {torque_n_m:.2} N·m")]
     Limit { joint: String, torque_n_m: f64, of: TorqueSource },
-    #[error("no joint state can be used any more: {0}")]
+    #[error("no usable joint state arrives; the last one was refused: {0}")]
     Refused(String),
     #[error("no joint state comes")]
     Silence,
     #[error("the mapper does not keep up with the joint states")]
     Lag,
-    #[error("palpate stood still for a while; is the computer too busy?")]
+    #[error("palpate did not run for a while; is the computer too busy?")]
     Stalled,
     #[error(
         "the arm stands still but is loaded: the torque of joint `{joint}` differs from gravity by \
@@ -25,15 +25,15 @@ pub enum Cause {
     )]
     Loaded { joint: String, bias_n_m: f64, limit_n_m: f64 },
     #[error(
-        "the arm stands still, and the torque of joint `{joint}` is {change_n_m:.2} N·m away from the tare that it had \
-         standing free, more than half the limit: is it loaded? If it stands free, call /palpate/tare"
+        "the arm stands still, and the torque of joint `{joint}` differs by {change_n_m:.2} N·m from the tare of the free arm, \
+         more than half the limit: is the arm loaded? If it touches nothing, call /palpate/tare"
     )]
     TareChanged { joint: String, change_n_m: f64 },
-    #[error("the torques are read wrongly: {0}")]
+    #[error("sign or gravity of the torques seems to be set wrong: {0}")]
     Misread(String),
     #[error("the joint positions jump back and forth: do two drivers publish them?")]
     Jumping,
-    #[error("no tare is known yet: the arm must stand still and free")]
+    #[error("no tare is known yet: the arm must stand still and touch nothing")]
     Untared,
 }
 

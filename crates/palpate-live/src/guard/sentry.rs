@@ -73,7 +73,9 @@ impl JointStateMonitor {
             Err(refusal) => return self.guard.refused(&refusal),
         };
         let Some(untared) = self.untared(&q, &tau) else {
-            return self.guard.refused(&"the arm cannot stand at these joint positions");
+            return self
+                .guard
+                .refused(&"the pose of the arm cannot be computed from its joint positions");
         };
         let is_dead = are_dead(&tau, &untared);
         self.guard.measured(untared);

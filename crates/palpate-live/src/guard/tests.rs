@@ -104,7 +104,7 @@ fn the_flag_is_up_until_joint_states_and_a_tare_have_come_and_then_comes_down_by
 }
 
 #[test]
-fn torques_beyond_the_limit_raise_it_at_once_whatever_else_is_wrong_with_a_sample() {
+fn torques_beyond_the_limit_raise_the_flag_at_once_whatever_else_is_wrong_with_a_sample() {
     type Spoil = fn(&mut JointState);
     for spoil in [
         (|_| {}) as Spoil,
@@ -129,7 +129,7 @@ fn torques_beyond_the_limit_raise_it_at_once_whatever_else_is_wrong_with_a_sampl
 }
 
 #[test]
-fn the_outer_end_of_a_band_counts_only_where_it_is_asked_for() {
+fn the_outer_end_of_a_band_is_checked_only_if_requested() {
     let mut scene = Scene::safe();
     let torques = (dvector![0.0, 1.0], dvector![0.0, -4.0]);
     scene.guard.mapped(Some(&torques), None);
@@ -143,14 +143,14 @@ fn the_outer_end_of_a_band_counts_only_where_it_is_asked_for() {
 }
 
 #[test]
-fn what_cannot_be_used_raises_it_within_the_time_of_silence() {
+fn unusable_joint_states_raise_the_flag_within_the_time_of_silence() {
     type Spoil = fn(&mut JointState);
     for (spoil, words) in [
         ((|state| state.effort = vec![f64::NAN; 2]) as Spoil, "effort of joint `one` is NaN"),
         (|state| state.effort.clear(), "0 efforts for 2 joints"),
         (|state| state.name[0] = "three".to_owned(), "`one` is not in the log"),
         (|state| state.position[1] = f64::INFINITY, "position of joint `two` is inf"),
-        (|state| state.header.stamp = Stamp { sec: 1, nanosec: 50_000_000 }, "each moment"),
+        (|state| state.header.stamp = Stamp { sec: 1, nanosec: 50_000_000 }, "each time stamp"),
         (|state| state.header.stamp.nanosec -= 500_000_000, "came late"),
     ] {
         let mut scene = Scene::safe();
@@ -167,7 +167,7 @@ fn what_cannot_be_used_raises_it_within_the_time_of_silence() {
 }
 
 #[test]
-fn a_clock_that_jumps_blinds_it_for_no_longer_than_the_time_of_silence() {
+fn a_clock_that_jumps_disables_the_guard_for_no_longer_than_the_time_of_silence() {
     // A single stamp in the future makes all later ones count as late.
     let mut scene = Scene::safe();
     let ahead = Stamp { sec: 0, nanosec: (scene.now_ms as u32 + 990) * 1_000_000 };
@@ -187,7 +187,7 @@ fn a_clock_that_jumps_blinds_it_for_no_longer_than_the_time_of_silence() {
 }
 
 #[test]
-fn silence_a_slow_mapper_and_an_end_raise_it() {
+fn silence_a_slow_mapper_and_an_end_raise_the_flag() {
     let mut scene = Scene::safe();
     scene.now_ms += 100;
     assert_eq!(scene.cause(), None);
@@ -234,7 +234,7 @@ fn an_arm_that_gravity_does_not_explain_is_loaded_before_its_first_tare_and_afte
 }
 
 #[test]
-fn having_stood_still_raises_it_unless_it_was_up_and_stays() {
+fn a_stalled_process_raises_the_flag_which_then_stays_up_until_a_reset() {
     let mut scene = Scene::new();
     scene.guard.stalled();
     scene.play(50, |_| {});
@@ -247,7 +247,7 @@ fn having_stood_still_raises_it_unless_it_was_up_and_stays() {
 }
 
 #[test]
-fn only_a_reset_takes_it_back_and_only_when_it_is_safe() {
+fn only_a_reset_lowers_the_flag_and_only_when_it_is_safe() {
     let mut scene = Scene::safe();
     let raised = limit("one", 7.0, TorqueSource::Measured);
     assert_eq!(scene.play(10, |state| state.effort[0] = 7.0).1, raised);
@@ -271,7 +271,7 @@ fn only_a_reset_takes_it_back_and_only_when_it_is_safe() {
 }
 
 #[test]
-fn a_tare_far_from_the_one_of_the_free_arm_is_refused_unless_it_is_asked_for() {
+fn a_tare_far_from_the_one_of_the_free_arm_is_refused_unless_it_was_requested() {
     let mut scene = Scene::safe();
     scene.guard.tare(&dvector![2.4, 0.0]).unwrap();
     // The change is measured from the tare of the free arm, not from the previous one.
@@ -286,7 +286,7 @@ fn a_tare_far_from_the_one_of_the_free_arm_is_refused_unless_it_is_asked_for() {
 }
 
 #[test]
-fn a_driver_that_hangs_while_the_arm_moves_raises_it_and_an_arm_at_rest_does_not() {
+fn a_driver_that_hangs_while_the_arm_moves_raises_the_flag_and_an_arm_at_rest_does_not() {
     let mut scene = Scene::safe();
     // Another joint in the message, whose effort is NaN, makes no difference.
     scene.state.name.push("finger".to_owned());
@@ -305,7 +305,7 @@ fn a_driver_that_hangs_while_the_arm_moves_raises_it_and_an_arm_at_rest_does_not
 }
 
 #[test]
-fn an_arm_that_jumps_back_and_forth_raises_it() {
+fn positions_that_jump_back_and_forth_raise_the_flag() {
     let mut scene = Scene::safe();
     scene.guard.jumping(true);
     assert_eq!(scene.play(50, |_| {}).1, Some(Cause::Jumping));

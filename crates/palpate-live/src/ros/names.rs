@@ -54,7 +54,7 @@ impl TopicNames {
                 rule.split_once(":=").filter(|(from, to)| !from.is_empty() && !to.is_empty());
             let Some((from, to)) = parts else {
                 return Err(format!(
-                    "`{rule}` does not say from which name to which; wanted FROM:=TO, such as \
+                    "`{rule}` does not say which name becomes which; wanted FROM:=TO, such as \
                      /palpate/stop:=/arm/stop, __node:=NAME or __ns:=/NAMESPACE"
                 ));
             };

@@ -74,7 +74,7 @@ pub enum NetworkError {
     #[error("the network process cannot be used: {why}")]
     Process { why: String },
     /// A thread panicked; the panic has printed its message.
-    #[error("the session ended by a defect of palpate, in the thread `{thread}`")]
+    #[error("the session ended because of a defect of palpate, in the thread `{thread}`")]
     Defect { thread: String },
 }
 

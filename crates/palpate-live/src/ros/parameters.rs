@@ -149,7 +149,9 @@ impl Parameters {
             None => format!("palpate has no parameter `{name}`"),
             Some(found) if found.value.is(&wanted.value) => String::new(),
             Some(_) => {
-                format!("`{name}` stays as palpate was started: it is a flag of `palpate live`")
+                format!(
+                    "`{name}` cannot be changed while palpate runs: it is a flag of `palpate live`"
+                )
             }
         };
         SetParametersResult { successful: reason.is_empty(), reason }

@@ -122,7 +122,8 @@ fn bounded(trajectory: &mut JointTrajectory) -> Result<(), String> {
     let (points, joints) = (trajectory.points.len(), trajectory.joint_names.len());
     if points > MAX_POINTS || joints > MAX_JOINTS {
         return Err(format!(
-            "the trajectory has {points} points of {joints} joints, more than {MAX_POINTS} of {MAX_JOINTS}; ask in pieces"
+            "the trajectory has {points} points of {joints} joints, more than {MAX_POINTS} of {MAX_JOINTS}; \
+             divide it and ask about each part"
         ));
     }
     for (number, point) in trajectory.points.iter_mut().enumerate() {

@@ -219,7 +219,7 @@ fn check_size(mut state: JointState) -> Result<JointState, String> {
     let most = state.name.len().max(state.position.len()).max(state.effort.len());
     if most > MAX_JOINTS || state.name.iter().any(|name| name.len() > LONGEST_NAME) {
         return Err(format!(
-            "it has {most} numbers or names, of which some may be long; wanted at most \
+            "it has {most} names, positions or efforts, or a name is too long; wanted at most \
              {MAX_JOINTS}, and names of at most {LONGEST_NAME} bytes"
         ));
     }

@@ -124,7 +124,7 @@ impl NetworkProcess {
         let lacks = self.config.sim_time && !topics.iter().any(|topic| topic.name == name);
         lacks.then(|| {
             format!(
-                "nobody publishes `{name}` yet, whose time is to be taken (--sim-time): joint states without a stamp \
+                "nobody publishes `{name}` yet, which gives the time (--sim-time): joint states without a time stamp \
                  cannot be used until then"
             )
         })

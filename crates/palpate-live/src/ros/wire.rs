@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wait_ends_after_its_time_and_what_nobody_understands_is_an_error() {
+    fn a_read_ends_after_its_time_out_and_an_invalid_frame_is_an_error() {
         let (ours, theirs) = UnixStream::pair().unwrap();
         let mut frames = Frames::new(ours);
         let next = |frames: &mut Frames| frames.next::<FromNetwork>(Duration::from_millis(5));

@@ -94,7 +94,7 @@ class _Copies:
                     raise FileNotFoundError(
                         f"a worker does not see {file.path}, which was not sent to it: files of more than "
                         "1 GiB together are sent only if the cluster has several computers when their "
-                        "first task begins; let all workers see them"
+                        "first task begins; put them in a folder that all workers can read"
                     )
                 copy = Path(self._folder.name + file.path)
                 copy.parent.mkdir(parents=True, exist_ok=True)

@@ -69,7 +69,7 @@ def of(progress: Progress) -> Shown:
     if callable(progress):
         return _Callback(progress)
     raise TypeError(
-        f"`progress` is {progress!r}; wanted None, True, False or a callable of steps done and in all"
+        f"`progress` is {progress!r}; wanted None, True, False or a callable of the steps done and in total"
     )
 
 

@@ -166,14 +166,14 @@ def do(task: Task, bring: Callable[[], str] = str) -> Outcome:
             except (PalpateError, ValueError, TypeError, OSError) as raised:
                 error = str(raised)
             except MemoryError:
-                error = "its worker has not enough memory for it"
+                error = "its worker has not enough memory for this task"
             except BaseException as raised:  # a panic of the compiled part is not an Exception
-                error = f"a fault of palpate, please report it: {type(raised).__name__}: {raised}"
+                error = f"a defect of palpate; report this line: {type(raised).__name__}: {raised}"
         messages = [str(one.message) for one in caught if issubclass(one.category, PalpateWarning)]
         if error is None and (threads := _palpate.threads()) != task.threads:
             messages.append(
-                f"a worker works with {threads} threads, not {task.threads}: it was begun with these, and "
-                "cannot change it"
+                f"a worker works with {threads} threads, not {task.threads}: this number is fixed "
+                "when its process starts"
             )
         if before:  # show the original paths
             error = None if error is None else error.replace(before, "")

@@ -28,7 +28,7 @@ class Submits(Protocol):
 
 TRIES = 4
 
-LOST = f"its worker died {TRIES} times, for want of memory perhaps; see what the system's log says"
+LOST = f"its worker died {TRIES} times, perhaps because memory ran out; see the log of the system"
 
 LOOK_S = 2.0
 """Interval at which time-out and size of the cluster are checked, s."""
@@ -119,7 +119,8 @@ def in_executor(
         yield from _each(executor, tasks, running, QUEUED, timeout)
     except BrokenExecutor as error:
         raise RuntimeError(
-            f"the executor can do nothing more ({error}); what was done before is kept if `keep` names a folder"
+            f"the executor is broken and takes no more tasks ({error}); what was done before is kept if `keep` names "
+            "a folder"
         ) from error
     finally:
         for future in running:
@@ -161,4 +162,4 @@ def outcome_of(result: Callable[[], Outcome], raised: type[Exception] | tuple[()
     except raised:
         raise
     except Exception as error:
-        return Outcome(None, f"its worker could not do it: {type(error).__name__}: {error}")
+        return Outcome(None, f"its worker could not run it: {type(error).__name__}: {error}")

@@ -54,7 +54,7 @@ def annotate(
     if target.exists():
         raise FileError(f"`{target}` is there already; choose another name")
     if source.resolve() in target.resolve().parents:
-        raise FileError(f"`{target}` would be part of what it is made from; choose a name outside of `{source}`")
+        raise FileError(f"`{target}` would lie inside its source data set; choose a name outside of `{source}`")
     found = external_torques(os.fspath(source), robot, settings=settings, progress=progress)
     arm = robot if isinstance(robot, Robot) else Robot() if robot is None else Robot(robot)
     mapper = Mapper.from_field(field, arm) if field is not None else None
@@ -163,7 +163,7 @@ def _extend(path: Path, episodes: dict[str, _Arrays], rows: dict[str, int], name
 def _other_frames(path: Path, episode: str) -> FileError:
     return FileError(
         f"`{path}`: the frames of `{episode}` in its data/ are not those that were read as a touch; leave out settings "
-        "that part or skip touches"
+        "that split or skip touches"
     )
 
 

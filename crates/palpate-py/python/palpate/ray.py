@@ -100,7 +100,7 @@ def evaluate(
     with `threads` CPUs; defects of a log are the `error` of its run.
     """
     if shares < 1 or (test is not None and shares > 1):
-        raise ValueError(f"`shares` is {shares}; wanted at least 1, and 1 with `test`: one fold")
+        raise ValueError(f"`shares` is {shares}; wanted at least 1, and exactly 1 with `test`, which makes one fold")
     keywords: dict[str, Any] = {
         "methods": None if methods is None else list(methods),
         "folds": folds,
@@ -204,8 +204,8 @@ def _choices(settings: _Settings) -> Mapping[str, AnySettings | None]:
         return {str(number): choice for number, choice in enumerate(settings)}
     if sections := settings.keys() & default_settings().keys():
         raise TypeError(
-            f"`settings` has a section, {min(sections)}, where names of choices belong; put a single "
-            "choice in a list"
+            f"`settings` has the key {min(sections)}, a section; wanted names of choices as keys. Put a "
+            "single choice in a list"
         )
     return settings
 

@@ -127,7 +127,8 @@ impl EvaluationJob<'_> {
         parts.retain(|part| plan.has(part, &tracked));
         if !parts.is_empty() {
             let done = parts.len();
-            progress.note(&format!("{done} parts were done before, and are taken as found"));
+            progress
+                .note(&format!("{done} parts were computed before; their stored results are used"));
         }
         self.do_parts(&plan, &tracked, (keep, progress), &mut parts)?;
 
@@ -332,7 +333,7 @@ pub fn track(
     touches: &[TouchSamples],
     progress: &dyn Progress,
 ) -> Result<TrackedTouches, LearnError> {
-    progress.note("following the touches");
+    progress.note("simulating the contacts of the touches");
     TrackedTouches::new(arm, config, touches, &|| progress.stopped())
 }
 

@@ -24,7 +24,7 @@ pub fn method_of(name: &str) -> Result<Method, String> {
     let of = |method: &&Method| method.name() == name;
     let method = Method::ALL.iter().find(of).copied().ok_or_else(|| {
         let names: Vec<&str> = Method::ALL.iter().map(|method| method.name()).collect();
-        format!("there are {}", names.join(", "))
+        format!("wanted one of {}", names.join(", "))
     })?;
     if method.is_built() {
         Ok(method)
@@ -42,7 +42,7 @@ pub fn method_of(name: &str) -> Result<Method, String> {
 pub fn each_once(given: &[Method], has_body: bool) -> Result<Vec<Method>, WorkError> {
     if given.contains(&Method::Elastic) && !has_body {
         return Err(WorkError::Usage(
-            "the method `elastic` needs a coloured cloud, or a picture with depth, of the object: name it \
+            "the method `elastic` needs a coloured cloud, or a picture with depth, of the object: give it \
              as well (`--cloud object.ply` of `palpate evaluate`)"
                 .to_owned(),
         ));
@@ -83,9 +83,9 @@ pub fn folds(
         Some(k) if k as usize > n => Err(WorkError::Usage(format!(
             "--folds is {k}, but there are only {n} touches; {n} is leave-one-touch-out"
         ))),
-        Some(k) if k < 2 => {
-            Err(WorkError::Usage(format!("--folds is {k}; wanted at least 2, or none")))
-        }
+        Some(k) if k < 2 => Err(WorkError::Usage(format!(
+            "--folds is {k}; wanted at least 2; without --folds, there is one fold for each touch"
+        ))),
         Some(k) => Ok(folds::folds(n, k as usize)),
         None => Ok(folds::folds(n, n)),
     }
@@ -98,7 +98,10 @@ pub fn folds(
 /// If `number` is not below `shares`.
 pub fn share(folds: usize, (number, shares): (usize, usize)) -> Result<Vec<usize>, WorkError> {
     if number >= shares {
-        return Err(WorkError::Usage(format!("there is no share {number} of {shares}, from 0")));
+        return Err(WorkError::Usage(format!(
+            "there is no share {number}; wanted a share from 0 to {}, since there are {shares}",
+            shares.saturating_sub(1)
+        )));
     }
     Ok((number..folds).step_by(shares).collect())
 }
@@ -109,7 +112,9 @@ fn testing(touches: &[TouchSamples], test: &[String]) -> Result<Fold, WorkError>
         touches.iter().position(|touch| touch.name == *name).ok_or_else(|| {
             let names: Vec<&str> = touches.iter().map(|touch| &*touch.name).collect();
             let names = names.join(", ");
-            WorkError::Usage(format!("--test names touch `{name}`, which is none of {names}"))
+            WorkError::Usage(format!(
+                "--test names touch `{name}`, which is not in the logs; their touches are {names}"
+            ))
         })
     };
     let mut test = test.iter().map(place).collect::<Result<Vec<usize>, _>>()?;

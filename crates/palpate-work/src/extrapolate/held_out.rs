@@ -61,8 +61,9 @@ impl fmt::Display for HeldOutErrors {
         let unit = if *relative { " of that of predicting zero" } else { " N·m" };
         write!(
             f,
-            "with the extrapolated stiffness, one half of the touches, predicted from the other, has an error of \
-             {with:.3}{unit}, and without it {without:.3}: the field gets none of it (with --method it does)"
+            "one half of the touches was predicted from the other half: with the extrapolated stiffness, the error is \
+             {with:.3}{unit}, without it {without:.3}; so the field gets no extrapolated stiffness (give --method to \
+             add it in any case)"
         )
     }
 }
@@ -97,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn what_predicts_worse_than_the_field_alone_does_not_help() {
+    fn a_method_that_predicts_worse_than_the_field_alone_does_not_help() {
         let plan = ComparisonPlan::methods(&ExtrapolationConfig::default());
         for (without, method, helps) in [
             (0.9, ExtrapolationMethod::Cells, true),

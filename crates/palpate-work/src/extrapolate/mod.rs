@@ -112,8 +112,8 @@ fn warn_of_far_points(points: &[Point3<f64>], field: &Field, progress: &dyn Prog
     let far = points.iter().filter(is_far).count();
     if 3 * far > points.len() {
         progress.warn(&format!(
-            "{far} of the {} points are more than {far_m:.2} m from the box of all that was touched: if they are floor or \
-             background, cut them off (of a picture: --crop-low-m, --crop-high-m)",
+            "{far} of the {} points are more than {far_m:.2} m from the box of all touched cells: if they are floor or \
+             background, cut them off (for a picture: --crop-low-m, --crop-high-m)",
             points.len()
         ));
     }
@@ -245,7 +245,7 @@ fn config(
             return ExtrapolationMethod::Torque;
         }
         progress
-            .note("the field remembers no touch: `knn` on its cells takes the place of `torque`");
+            .note("the field remembers no touch: the method is `knn` on its cells, not `torque`");
         ExtrapolationMethod::Knn
     });
     let features = given.features.unwrap_or_else(|| match method {
@@ -276,7 +276,7 @@ fn reach_cells(saved: &SavedField) -> f64 {
 pub fn method_of(name: &str) -> Result<ExtrapolationMethod, String> {
     let all = [ExtrapolationMethod::Torque, ExtrapolationMethod::Cells, ExtrapolationMethod::Knn];
     let found = all.into_iter().find(|method| method.name() == name);
-    found.ok_or_else(|| "there are torque, cells and knn".to_owned())
+    found.ok_or_else(|| "wanted torque, cells or knn".to_owned())
 }
 
 /// Joint positions where the torque of a touch is largest, rad.

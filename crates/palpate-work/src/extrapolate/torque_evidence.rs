@@ -34,8 +34,8 @@ pub(super) fn recalled(
     let (learnt, fingerprint) = &snapshot.robot;
     if *fingerprint != arm.fingerprint() {
         return Err(WorkError::from(format!(
-            "`{name}` was learnt with robot `{learnt}`, of which `{}` differs in joints, masses or \
-             shapes; give that robot (--robot, --payload-link, --payload-mass-kg)",
+            "`{name}` was learnt with robot `{learnt}`, from which `{}` differs in joints, masses or \
+             shapes; give the robot of the field (--robot, --payload-link, --payload-mass-kg)",
             arm.robot.name()
         )));
     }
@@ -49,11 +49,11 @@ pub(super) fn recalled(
     if left_out > 0 {
         let learnt = snapshot.touches;
         progress.warn(&format!(
-            "{left_out} of the {learnt} touches that `{name}` learnt from are no longer remembered, \
-             or were not ended"
+            "{left_out} of the {learnt} touches from which `{name}` was learnt are not used: the field no longer \
+             remembers them, or they were not ended"
         ));
     }
-    progress.note(&format!("following {} remembered touches again", touches.len()));
+    progress.note(&format!("simulating the contacts of {} remembered touches", touches.len()));
     let tracked = TrackedTouches::new(arm, &snapshot.config, &touches, &|| progress.stopped());
     let tracked = tracked.map_err(|error| WorkError::from(format!("`{name}`: {error}")))?;
     Ok((tracked, snapshot.config.clone()))

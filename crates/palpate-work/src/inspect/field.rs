@@ -131,7 +131,7 @@ fn foreign(path: &Path, missing: &str) -> (Option<FieldFacts>, Vec<Finding>) {
          says how its points were touched"
     );
     let remedy = "`palpate predict` cannot use it; map the logs with `palpate map`. Points, K and \
-                  K_std can be compared all the same";
+                  K_std can still be compared";
     let mut findings = vec![Finding::warning("foreign_field", what, remedy)];
     findings.extend(facts.findings());
     (Some(facts), findings)
@@ -212,8 +212,8 @@ impl FieldFacts {
                 "the standard deviation of every cell is still {} N/m, as before learning",
                 number(least)
             );
-            let remedy = "nothing was learnt from these touches: look whether frames are left \
-                          after the tare (`palpate inspect LOG`), and at --torque-std";
+            let remedy = "nothing was learnt from these touches: check whether frames are left \
+                          after the tare (`palpate inspect LOG`), and check --torque-std";
             Finding::warning("std_never_reduced", what, remedy)
         })
     }

@@ -51,8 +51,8 @@ pub(super) fn recognise(path: &Path) -> Result<Kind, Box<Finding>> {
     };
     if !path.exists() {
         let known = built_in.join(", ");
-        let is = format!("does not exist, and no built-in robot is called so ({known})");
-        return wrong("missing", &is, "check the spelling and where you are");
+        let is = format!("does not exist, and no built-in robot has this name ({known})");
+        return wrong("missing", &is, "check the spelling and the current folder");
     }
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
     match ending.as_deref() {
@@ -79,5 +79,5 @@ pub(super) fn recognise(path: &Path) -> Result<Kind, Box<Finding>> {
     if let Some("txt" | "log" | "dat") = ending.as_deref() {
         return Ok(Kind::Log);
     }
-    wrong("unknown_format", "is of no format that is known", WANTED)
+    wrong("unknown_format", "has an unknown format", WANTED)
 }

@@ -79,7 +79,7 @@ pub fn inspect(
         Ok(loaded) => {
             let facts = RobotFacts::new(&loaded.arm.robot, Some(&loaded));
             let mut findings = facts.findings();
-            let remedy = "the robot works; see to it if start-up is slow";
+            let remedy = "the robot can be used; correct this if loading it is slow";
             findings.extend(
                 loaded.warnings.iter().map(|what| Finding::warning("loading", what, remedy)),
             );
@@ -87,7 +87,7 @@ pub fn inspect(
         }
         Err(WorkError::Settings(error @ SettingsError::Payload(_))) => Err(error.into()),
         Err(error) => {
-            let remedy = "correct what the message names; the robot cannot be used before";
+            let remedy = "correct what the message names; until then the robot cannot be used";
             let finding = Finding::error("robot", error.to_string(), remedy);
             let facts = tree(path).map(|robot| RobotFacts::new(&robot, None));
             let mut findings = vec![finding];
@@ -150,7 +150,7 @@ impl RobotFacts {
                 "add <inertial> to the links, or use logs without gravity (--gravity removed)",
             ));
         }
-        let remedy = "add their <inertial>, or gravity is taken off too small; a gripper may also \
+        let remedy = "add their <inertial>, or too little gravity is subtracted; a gripper may also \
                       be given as payload (--payload-link, --payload-mass-kg)";
         let texts = ("link_without_mass", "with shapes but without mass", remedy);
         self.moving_links(|link| link.shapes > 0 && link.mass_kg == 0.0, texts)
@@ -158,7 +158,7 @@ impl RobotFacts {
 
     /// A warning about links with mass but without a shape for contacts.
     fn shapes(&self) -> Option<Finding> {
-        let remedy = "contacts of theirs are not seen; add <collision> to the links that may \
+        let remedy = "their contacts are not simulated; add <collision> to the links that may \
                       touch the object";
         let texts = ("link_without_shape", "without a collision shape", remedy);
         self.moving_links(|link| link.shapes == 0 && link.mass_kg > 0.0, texts)
@@ -188,10 +188,10 @@ impl RobotFacts {
     }
 
     fn sealed_voids(&self) -> Option<Finding> {
-        let are = "meshes with inner walls or turned triangles: the winding number calls a part of \
-                   their inside empty, although no path leads there";
-        let remedy = "it is filled, which is right for an arm; if a link is meant to be hollow, use \
-                      simple shapes";
+        let are = "meshes with inner walls or turned triangles: by winding number, a part of their inside \
+                   is empty, although no path from outside leads there";
+        let remedy = "this part counts as filled, which is right for an arm; if a link is meant to be hollow, \
+                      use simple shapes";
         self.doubtful(|report| report.sealed_fraction, ("sealed_void", are, remedy))
     }
 }
@@ -223,7 +223,7 @@ impl LinkFacts {
             _ => return None,
         };
         let what = format!(
-            "the largest side of link `{}` is {} m, {is}: millimetres and metres mixed up?",
+            "the largest side of link `{}` is {} m, {is}: are millimetres and metres mixed up?",
             self.name,
             number(largest)
         );

@@ -49,7 +49,7 @@ fn nearest<'a>(wrong: &str, names: impl Iterator<Item = (&'a str, String)>) -> S
     let likeness = names.map(|(name, shown)| (strsim::jaro_winkler(&plain, name), shown));
     match likeness.max_by(|a, b| a.0.total_cmp(&b.0)) {
         Some((likeness, shown)) if likeness > 0.8 => format!("; did you mean {shown}?"),
-        _ => "; `palpate settings` prints all there are".to_owned(),
+        _ => "; `palpate settings` prints all settings".to_owned(),
     }
 }
 
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn a_misspelt_key_is_met_with_its_line_and_the_name_that_was_meant() {
+    fn a_misspelt_key_is_refused_with_its_line_and_the_most_similar_name() {
         let found = message("[contact]\nfriction = 0.3\n\n[estimator]\npriorstd = 1.0\n");
         assert!(found.contains("line 5") && found.contains("mean `prior_std`?"), "{found}");
         let found = message("[contact]\nspacing_m = 0.01\n");
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_of_the_wrong_kind_is_met_with_its_place() {
+    fn a_value_of_the_wrong_kind_is_refused_with_its_place() {
         let found = message("[contact]\nfriction = \"much\"\n");
         assert!(found.contains("line 2, column 12"), "{found}");
         let found = message("[touch]\ntare_frames = 0\n");

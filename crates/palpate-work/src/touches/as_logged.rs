@@ -46,7 +46,7 @@ impl Touches {
         };
         if has_arm && given.gravity == Some(Gravity::Removed) {
             let message = format!(
-                "`{}`: these torques hold no gravity, and --arm was identified on torques that do: only its standard \
+                "`{}`: these torques contain no gravity, and --arm was identified on torques that do: only its standard \
                  deviations are used, and they may be too small; give the measured torques",
                 self.first_path()
             );

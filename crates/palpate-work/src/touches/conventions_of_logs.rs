@@ -59,7 +59,7 @@ impl Touches {
         if let Some((log, own)) = names.and_then(|names| held_joints::other_name(&arm.robot, names))
         {
             progress.note(&format!(
-                "joints are matched by what parts their names from each other: `{log}` is `{own}`, and so on"
+                "joints are matched by the parts of their names that differ from joint to joint: `{log}` is `{own}`, and so on"
             ));
         }
         let held = held_joints::not_in_log(&arm.robot, names, count);
@@ -98,13 +98,13 @@ impl Touches {
             let [own, others] =
                 if why.is_some() { ["radians", "degrees"] } else { ["degrees", "radians"] };
             return Err(WorkError::Usage(format!(
-                "`{}`: the angles of touch `{touch}` look like {own}, and most others like {others}; bring all into one unit \
-                 first, as `palpate convert --angle-unit deg` does, or say what they are (--angle-unit)",
+                "`{}`: the angles of touch `{touch}` look like {own}, and most others like {others}; convert all to one unit \
+                 first, as `palpate convert --angle-unit deg` does, or give the unit (--angle-unit)",
                 log.display()
             )));
         }
         if let Some(why) = why {
-            progress.note(&format!("`{path}`: {why}; they are read so (--angle-unit)"));
+            progress.note(&format!("`{path}`: {why}; they are read as degrees (--angle-unit)"));
             self.logs.are_in_degrees();
             settings.log.angle_unit = Some(OrAuto::Is(AngleUnit::Deg));
         }
@@ -210,17 +210,17 @@ impl Touches {
         if let Some((other, _)) = self.logs.all().find(is_external) {
             let other = other.display();
             return Err(WorkError::Usage(format!(
-                "`{other}` holds external torques, and motor currents are wanted (--currents, or the file of --arm)"
+                "`{other}` holds external torques; wanted motor currents (because of --currents, or the file of --arm)"
             )));
         }
         if named.is_some() && !self.logs.all().all(|log| is_of_currents(&log)) {
             return Err(WorkError::Usage(format!(
-                "the columns of `{path}` are motor currents, those of other logs are not; read them one after the other"
+                "the columns of `{path}` are motor currents, those of other logs are not; give these logs to separate commands"
             )));
         }
-        let are = if named.is_some() { "the columns are" } else { "the torques are taken for" };
+        let are = if named.is_some() { "the columns are" } else { "the torques are assumed to be" };
         progress.note(&format!(
-            "`{path}`: {are} motor currents, which count as the motors' torques do, and hold gravity"
+            "`{path}`: {are} motor currents: they have the sign of the motors' torques (minus), and contain gravity"
         ));
         if settings.torque_sign_given().is_none() {
             settings.torque_sign = Some(OrAuto::Is(TorqueSign::Minus));
@@ -244,31 +244,31 @@ impl Touches {
             Some(Gravity::Removed) => {}
             Some(Gravity::Included) => {
                 return Err(WorkError::Usage(format!(
-                    "`{path}` holds external torques, out of which the robot has taken gravity; \
-                     say --gravity removed, or leave it out"
+                    "`{path}` holds external torques, from which the robot has subtracted gravity; \
+                     give --gravity removed, or leave --gravity out"
                 )));
             }
             None if !self.logs.all().all(|log| is_external(&log)) => {
                 return Err(WorkError::Usage(format!(
-                    "`{path}` holds external torques, without gravity, and other logs do not say so; \
-                     give --gravity if it holds for all, or read them one after the other"
+                    "`{path}` holds external torques, without gravity, but for other logs this is not known; \
+                     give --gravity if it is right for all, or give these logs to separate commands"
                 )));
             }
             None => {
                 progress.note(&format!(
-                    "`{path}` holds external torques: gravity is not taken off them"
+                    "`{path}` holds external torques: gravity is not subtracted from them"
                 ));
                 settings.gravity = Some(OrAuto::Is(Gravity::Removed));
             }
         }
-        let why = "external torques of a Franka count as the motors' do";
+        let why = "external torques of a Franka have the sign of the motors' torques, minus";
         match settings.torque_sign_given() {
             None if self.logs.all().all(|log| is_external(&log)) => {
-                progress.note(&format!("{why}: their sign is minus"));
+                progress.note(why);
                 settings.torque_sign = Some(OrAuto::Is(TorqueSign::Minus));
             }
             Some(TorqueSign::Plus) => {
-                progress.warn(&format!("`{path}`: {why}, and --torque-sign is plus"));
+                progress.warn(&format!("`{path}`: {why}, but --torque-sign is plus"));
             }
             _ => {}
         }

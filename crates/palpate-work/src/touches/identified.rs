@@ -117,7 +117,7 @@ impl Touches {
                     let (log, (touch, _)) = (self.log().display(), &self.read);
                     let too_large = input::too_large();
                     return Err(format!(
-                        "`{log}`: touch `{touch}`: a touch of an identified arm wants {too_large}"
+                        "`{log}`: touch `{touch}`: with an identified arm, this touch needs {too_large}"
                     )
                     .into());
                 }

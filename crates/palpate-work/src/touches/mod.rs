@@ -312,7 +312,9 @@ impl Touches {
                 if bytes as u64 > input::largest() {
                     let (log, place) = (self.log().display(), self.place());
                     let too_large = input::too_large();
-                    return Err(format!("`{log}`: {place}: all touches want {too_large}").into());
+                    return Err(
+                        format!("`{log}`: {place}: all touches together need {too_large}").into()
+                    );
                 }
                 touches.last_mut().expect("pushed above").samples.push(sample);
             }
@@ -374,7 +376,7 @@ impl Touches {
         let left_out = self.pauses.as_ref().map_or(0, Pauses::left_out);
         if left_out > 0 {
             progress.warn(&format!(
-                "{left_out} samples were left out: the arm moved in them before it had stood still"
+                "{left_out} samples were left out: in them, the arm moves and has not stood still before"
             ));
         }
     }
@@ -388,9 +390,9 @@ fn bytes_of(sample: &Sample) -> usize {
 
 /// Message and remedy for logs of motor currents.
 pub(crate) const CURRENTS: [&str; 2] = [
-    "the columns are motor currents by their names, and only a gain for each joint makes torques of them",
-    "`palpate identify` finds the gains from free motion, and --arm takes what it writes; if the columns are torques, \
-     name them in the settings of the log",
+    "by their names, the columns are motor currents; to become torques, they need a gain for each joint",
+    "`palpate identify` finds the gains from free motion, and --arm reads the file that it writes; if the columns are \
+     torques, name them in the setting columns (--columns)",
 ];
 
 /// Whether the columns of a log are motor currents.

@@ -80,7 +80,7 @@ impl Default for ContactConfig {
 }
 
 /// Range of δ: distances are baked up to 0.04 m from the links.
-const BAKED: &str = "from 1e-6 to 0.04 m, as far as distances are baked";
+const BAKED: &str = "from 1e-6 to 0.04 m, the range of the baked distances";
 
 impl ContactConfig {
     /// Checks every setting.

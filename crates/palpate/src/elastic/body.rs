@@ -91,11 +91,12 @@ pub enum ElasticBodyError {
     #[error("the body has no segments")]
     Empty,
     /// A segment before its parent, or one that carries itself.
-    #[error("segment {segment} hangs from segment {parent}; wanted one that comes before it")]
+    #[error("the parent of segment {segment} is segment {parent}; wanted one that comes before it")]
     Parent { segment: usize, parent: u32 },
     /// A block that is carried, or carries something.
     #[error(
-        "segment {segment} hangs from segment {parent}, and one of them is a block; wanted blocks that stand alone"
+        "the parent of segment {segment} is segment {parent}, and one of them is a block; \
+         wanted blocks without parent and without children"
     )]
     Block { segment: usize, parent: u32 },
     /// A number of a segment out of its range.
@@ -165,7 +166,7 @@ impl ElasticBody {
                 check("a coordinate", coordinate, far, "a number from -1000 to 1000")?;
             }
             total_m += part.axis().norm();
-            check("the length of all up to the end", total_m, [0.0, LONGEST_M], "at most 200 m")?;
+            check("the total length up to the end", total_m, [0.0, LONGEST_M], "at most 200 m")?;
             check("the length", part.axis().norm(), [1e-6, 10.0], "a length from 1e-6 to 10 m")?;
         }
         let inverse_effective_masses = inverse_effective_masses(&segments);
@@ -177,7 +178,7 @@ impl ElasticBody {
                 (SegmentKind::Block, _) => materials.get(&segment.branch).copied(),
                 (_, parent) => parent.map(|parent| trees[parent as usize]),
             };
-            let tree = above.or_else(|| roots.next()).expect("numbers do not end");
+            let tree = above.or_else(|| roots.next()).expect("there are enough numbers");
             if segment.kind == SegmentKind::Block {
                 materials.insert(segment.branch, tree);
             }

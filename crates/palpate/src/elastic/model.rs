@@ -83,35 +83,11 @@ impl ElasticModel {
     /// Names the invalid number and its range.
     pub fn check(&self, lattice: &Lattice) -> Result<(), ElasticBodyError> {
         let refused = |thing, found, wanted| Err(ElasticBodyError::Model { thing, found, wanted });
-        let share = "a number from 0 to 1";
-        let factor = "a number from 0 to 1e6";
-        if self.variants.is_empty() {
-            return Err(ElasticBodyError::Empty);
-        }
-        if self.variants.len() > MAX_VARIANTS {
-            return refused("the number of variants", self.variants.len() as f64, "at most 16");
-        }
-        let sum: f64 = self.variants.iter().map(|variant| variant.weight).sum();
-        if (sum - 1.0).abs() > 1e-6 {
-            return refused("the sum of weights", sum, "1");
-        }
-        for variant in &self.variants {
-            if !(0.0..=1.0).contains(&variant.weight) {
-                return refused("weight", variant.weight, share);
-            }
-            let (n, found) = (variant.body.n_trees(), variant.stiffness_factors.len());
-            if n != found {
-                return refused("the number of stiffness_factors", found as f64, "one by tree");
-            }
-            let odd = variant.stiffness_factors.iter().find(|f| !(0.0..=1e6).contains(*f));
-            if let Some(&found) = odd {
-                return refused("a stiffness factor", found, factor);
-            }
-        }
+        self.check_variants()?;
         for (thing, found, largest, wanted) in [
             ("friction", self.friction, 1e3, "a number from 0 to 1000"),
             ("creep_s", self.creep_s, 1e3, "a number from 0 to 1000"),
-            ("share", self.share, 1.0, share),
+            ("share", self.share, 1.0, "a number from 0 to 1"),
             (
                 "untouched_residual_n_per_m",
                 self.untouched_residual_n_per_m,
@@ -134,12 +110,49 @@ impl ElasticModel {
         }
         let (cells, found) = (self.residual_cells.len(), self.residual_n_per_m.len());
         if cells != found {
-            return refused("the number of residual_n_per_m", found as f64, "one by residual cell");
+            return refused(
+                "the number of residual_n_per_m",
+                found as f64,
+                "one for each residual cell",
+            );
         }
         match self.residual_cells.iter().find(|cell| !lattice.contains(**cell)) {
-            Some(cell) => refused("a residual cell", f64::from(cell.0), "one of the lattice"),
+            Some(cell) => refused("a residual cell", f64::from(cell.0), "a cell of the lattice"),
             None => Ok(()),
         }
+    }
+
+    /// Checks weights and stiffness factors of the variants.
+    fn check_variants(&self) -> Result<(), ElasticBodyError> {
+        let refused = |thing, found, wanted| Err(ElasticBodyError::Model { thing, found, wanted });
+        if self.variants.is_empty() {
+            return Err(ElasticBodyError::Empty);
+        }
+        if self.variants.len() > MAX_VARIANTS {
+            return refused("the number of variants", self.variants.len() as f64, "at most 16");
+        }
+        let sum: f64 = self.variants.iter().map(|variant| variant.weight).sum();
+        if (sum - 1.0).abs() > 1e-6 {
+            return refused("the sum of weights", sum, "1");
+        }
+        for variant in &self.variants {
+            if !(0.0..=1.0).contains(&variant.weight) {
+                return refused("weight", variant.weight, "a number from 0 to 1");
+            }
+            let (n, found) = (variant.body.n_trees(), variant.stiffness_factors.len());
+            if n != found {
+                return refused(
+                    "the number of stiffness_factors",
+                    found as f64,
+                    "one for each tree",
+                );
+            }
+            let odd = variant.stiffness_factors.iter().find(|f| !(0.0..=1e6).contains(*f));
+            if let Some(&found) = odd {
+                return refused("a stiffness factor", found, "a number from 0 to 1e6");
+            }
+        }
+        Ok(())
     }
 
     /// The body with the largest weight, at rest, with the arm that bends it.

@@ -85,7 +85,7 @@ impl BrickBits {
 
 /// The bits that a cube has in each layer of its brick.
 fn layer(low_inside: [u32; 3], edge: u32) -> u64 {
-    assert!(low_inside.iter().all(|n| n + edge <= BRICK_EDGE), "cubes do not straddle bricks");
+    assert!(low_inside.iter().all(|n| n + edge <= BRICK_EDGE), "a cube must lie within one brick");
     let [i, j, _] = low_inside;
     let row = u64::MAX >> (64 - edge) << i;
     (j..j + edge).fold(0, |layer, j| layer | row << (BRICK_EDGE * j))

@@ -72,6 +72,21 @@ impl Mapper {
     ///
     /// If the arm is not the one of the snapshot, or the snapshot contradicts itself.
     pub fn resume(arm: Arc<Arm>, snapshot: Snapshot) -> Result<Self, MapperError> {
+        let resumed = Self::resume_unless_stopped(arm, snapshot, || true)?;
+        Ok(resumed.expect("nothing stops it"))
+    }
+
+    /// As [`Mapper::resume`]. `step` is called after every sample of the sample log; when it returns false, resuming stops
+    /// and `None` is returned.
+    ///
+    /// # Errors
+    ///
+    /// As [`Mapper::resume`].
+    pub fn resume_unless_stopped(
+        arm: Arc<Arm>,
+        snapshot: Snapshot,
+        step: impl FnMut() -> bool,
+    ) -> Result<Option<Self>, MapperError> {
         let (learnt, fingerprint) = &snapshot.robot;
         if *fingerprint != arm.fingerprint() {
             let (learnt, given) = (learnt.clone(), arm.robot.name().to_owned());
@@ -88,12 +103,13 @@ impl Mapper {
         }
         let rows = CellRows::of(lattice.clone(), &snapshot.cells);
         if snapshot.prior_means_n_per_m.len() > rows.len() {
-            let what = "it has prior means for more cells than there are";
+            let what = "it has more prior means than cells";
             return Err(inconsistent(what.to_owned()));
         }
         mapper.observations = ObservationBuilder::new(rows);
         mapper.prior_means_n_per_m = snapshot.prior_means_n_per_m;
-        let observations = mapper.simulate_again(&snapshot.sample_log, &snapshot.state)?;
+        let simulated = mapper.simulate_again(&snapshot.sample_log, &snapshot.state, step)?;
+        let Some(observations) = simulated else { return Ok(None) };
         mapper.tracker.set_learnt_s(snapshot.learnt_s);
         let points_m = mapper.observations.rows().points_m();
         mapper.replays.estimator().restore(&snapshot.state, points_m, observations)?;
@@ -103,7 +119,7 @@ impl Mapper {
         let remembered = snapshot.state.remembered.iter().map(|frame| frame.id);
         let counts = (snapshot.touches, snapshot.gone);
         mapper.log = SampleLog::resume(snapshot.sample_log, counts, remembered, n_joints);
-        Ok(mapper)
+        Ok(Some(mapper))
     }
 
     /// The observations of the remembered frames, in their order, from the logged touches; also determines whether the
@@ -112,7 +128,8 @@ impl Mapper {
         &mut self,
         sample_log: &[LoggedTouch],
         state: &EstimatorState,
-    ) -> Result<Vec<Observation>, MapperError> {
+        mut step: impl FnMut() -> bool,
+    ) -> Result<Option<Vec<Observation>>, MapperError> {
         let n_joints = self.tracker.arm().robot.n_joints();
         let mut found: Vec<Option<Observation>> = vec![None; state.remembered.len()];
         let ids = state.remembered.iter().enumerate().map(|(index, frame)| (frame.id, index));
@@ -123,7 +140,7 @@ impl Mapper {
             let stds = tau_std.len();
             if q.len() != tau.len() || q.len() % n_joints != 0 || (stds != 0 && stds != q.len()) {
                 return Err(inconsistent(format!(
-                    "the log of touch {touch} is not n × {n_joints}"
+                    "positions and torques of touch {touch} are not n × {n_joints}"
                 )));
             }
             self.tracker.begin_touch();
@@ -141,11 +158,14 @@ impl Mapper {
                         None => observation,
                     });
                 }
+                if !step() {
+                    return Ok(None);
+                }
             }
         }
         self.replays.set_learnt(learnt);
         let missing = || inconsistent("the sample log lacks a remembered frame".to_owned());
-        found.into_iter().map(|frame| frame.ok_or_else(missing)).collect()
+        found.into_iter().map(|frame| frame.ok_or_else(missing)).collect::<Result<_, _>>().map(Some)
     }
 }
 

@@ -17,21 +17,21 @@ pub enum PathError {
     #[error("the path has no points; give at least one, of a position for each joint")]
     Empty,
     /// More points than one path may have.
-    #[error("the path has {found} points, more than {MAX_POINTS}; ask about it in pieces")]
+    #[error("the path has {found} points, more than {MAX_POINTS}; divide it into shorter paths")]
     TooManyPoints { found: usize },
     /// Invalid joint positions.
     #[error("point {point} of the path: {reason}")]
     Point { point: usize, reason: RobotError },
     /// A motion that is too long between two points.
     #[error(
-        "joint `{joint}` jumps from {from} to {to} on the way to point {point} of the path; so \
-         long a motion cannot be followed: are there points missing, or is it in another unit?"
+        "joint `{joint}` jumps from {from} to {to} on the way to point {point} of the path; a \
+         motion this long cannot be followed: are points missing, or are the positions in another unit?"
     )]
     Jump { point: usize, joint: String, from: f64, to: f64 },
     /// More motion than one path may have.
     #[error(
-        "up to point {point} the path has more than {most} stops or sub-steps; ask about it in pieces, or \
-         at a coarser resolution"
+        "up to point {point} the path has more than {most} stops or sub-steps; divide it into shorter \
+         paths, or choose a coarser resolution"
     )]
     TooLong { point: usize, most: usize },
 }

@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_brick_has_one_spring_a_block_or_one_a_cell() {
+    fn an_unknown_brick_has_one_spring_per_block_or_per_cell() {
         for (few, blocks) in [(true, 8), (false, BRICK_CELLS)] {
             let springs = springs(&[], few);
             for low in [[0, 0, 0], [8, 16, 0]] {
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_predictor_keeps_the_field_of_its_moment() {
+    fn later_cells_do_not_change_the_springs() {
         let mut rows = CellRows::new(Lattice::new([0.0; 3], 0.01, [24, 24, 20]).unwrap());
         rows.row_of(rows.lattice().cell([1, 2, 3]));
         let springs = Springs::of(&rows, vec![KNOWN], OTHER, 1.0);

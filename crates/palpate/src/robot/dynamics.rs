@@ -90,7 +90,10 @@ impl Robot {
     /// If `poses` belong to another robot, or there is not one speed and one acceleration for each joint.
     pub fn regressor(&self, poses: &Poses, speed: &[f64], acceleration: &[f64]) -> DMatrix<f64> {
         let n = self.n_joints();
-        assert!(speed.len() == n && acceleration.len() == n, "one speed and acceleration a joint");
+        assert!(
+            speed.len() == n && acceleration.len() == n,
+            "one speed and one acceleration for each joint"
+        );
         let mut regressor = DMatrix::zeros(n, N_INERTIAL_PARAMETERS * self.movers.len());
         for (body, mover) in self.movers.iter().enumerate() {
             let link = mover.child;
@@ -206,7 +209,7 @@ pub(super) fn about(point: &Vector3<f64>) -> Matrix3<f64> {
 /// Sets the ten parameters of a link, in its own frame. Without mass, the centre of mass is set to zero.
 fn set_inertia(link: &mut Link, parameters: &[f64]) {
     let &[mass_kg, mx, my, mz, xx, xy, xz, yy, yz, zz] = parameters else {
-        unreachable!("ten numbers a body")
+        unreachable!("ten numbers for each body")
     };
     let com = if mass_kg == 0.0 { Vector3::zeros() } else { Vector3::new(mx, my, mz) / mass_kg };
     let about_origin = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);

@@ -19,12 +19,12 @@ pub enum RobotError {
     Loop { things: &'static str, through: String },
     /// A link with two joints: in closed kinematic chains, joint torques are not unique.
     #[error(
-        "link `{link}` hangs from two joints, `{first}` and `{second}`; only trees are supported, \
+        "link `{link}` is the child of two joints, `{first}` and `{second}`; only trees are supported, \
          not closed loops"
     )]
     TwoParents { link: String, first: String, second: String },
     /// No root link, or several; the root link is the world frame.
-    #[error("found {} root links ({}), wanted one to carry all others", roots.len(), roots.join(", "))]
+    #[error("found {} root links ({}), wanted one that carries all other links", roots.len(), roots.join(", "))]
     Roots { roots: Vec<String> },
     /// Joints of more than one degree of freedom.
     #[error(

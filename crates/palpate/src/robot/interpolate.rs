@@ -14,7 +14,10 @@ impl Robot {
     ///
     /// If either does not have one value for each joint, which is a bug in the caller.
     pub fn difference(&self, from: &[f64], to: &[f64]) -> Vec<f64> {
-        assert!(from.len() == self.n_joints() && to.len() == self.n_joints(), "one value a joint");
+        assert!(
+            from.len() == self.n_joints() && to.len() == self.n_joints(),
+            "one value for each joint"
+        );
         let way = |((joint, a), b): ((&Joint, &f64), &f64)| match joint.kind {
             JointKind::Prismatic => b - a,
             JointKind::Continuous | JointKind::Revolute => {
@@ -37,7 +40,7 @@ impl Robot {
     pub fn unwrap_angles(&self, before: Option<&[f64]>, q: &mut [f64]) {
         let is_first = before.is_none();
         let before = before.map_or_else(|| q.to_vec(), <[f64]>::to_vec);
-        assert!(q.len() == self.n_joints() && before.len() == q.len(), "one value a joint");
+        assert!(q.len() == self.n_joints() && before.len() == q.len(), "one value for each joint");
         for ((joint, before), q) in self.joints().iter().zip(before).zip(q) {
             if joint.kind == JointKind::Prismatic {
                 continue;

@@ -271,11 +271,11 @@ impl Robot {
     pub fn with_fixed_joint(mut self, joint: &str, position: f64) -> Result<Robot, RobotError> {
         let place = self.joints.iter().position(|own| own.name == joint);
         let held = place.ok_or_else(|| RobotError::Undeclared {
-            user: "a joint that stands still".into(),
+            user: "the setting of a fixed joint".into(),
             wanted: format!("joint `{joint}`"),
         })?;
         if self.joints.len() == 1 {
-            let thing = format!("moving joints beside `{joint}`");
+            let thing = format!("number of moving joints besides `{joint}`");
             return Err(RobotError::number(thing, 0, "at least 1"));
         }
         urdf::check_finite(&format!("position of joint `{joint}`"), &[position])?;
@@ -312,7 +312,7 @@ impl Robot {
         for (joint, name) in names {
             if !self.joints.iter().any(|own| own.name == *joint) {
                 return Err(RobotError::Undeclared {
-                    user: format!("the name `{name}`"),
+                    user: format!("the new name `{name}`"),
                     wanted: format!("joint `{joint}`"),
                 });
             }

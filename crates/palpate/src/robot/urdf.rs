@@ -264,7 +264,7 @@ fn joint_kind(joint: &urdf_rs::Joint) -> Result<JointKind, RobotError> {
         JointType::Floating => "floating",
         JointType::Planar => "planar",
         JointType::Spherical => "spherical",
-        JointType::Fixed => unreachable!("fixed joints are not asked"),
+        JointType::Fixed => unreachable!("only moving joints get here"),
     };
     Err(RobotError::JointKind { joint: joint.name.clone(), kind })
 }
@@ -351,7 +351,7 @@ fn shape(thing: &str, geometry: &Geometry) -> Result<Shape, RobotError> {
             check_finite(&format!("scale of the mesh of a {thing}"), &scale)?;
             if scale.contains(&0.0) {
                 let thing = format!("scale of the mesh of a {thing}");
-                return Err(RobotError::number(thing, 0.0, "anything but zero"));
+                return Err(RobotError::number(thing, 0.0, "a number that is not zero"));
             }
             Shape::Mesh { filename: filename.clone(), scale: Vector3::from(scale) }
         }
@@ -378,7 +378,7 @@ pub(super) fn check_length(thing: &str, values_m: &[f64]) -> Result<(), RobotErr
     check_finite(thing, values_m)?;
     match values_m.iter().find(|value_m| value_m.abs() > MAX_COORDINATE_M) {
         Some(bad) => {
-            let wanted = "metres, a thousand at most; is it in millimetres?";
+            let wanted = "at most 1000 m; is it in millimetres?";
             Err(RobotError::number(thing.to_owned(), bad, wanted))
         }
         None => Ok(()),

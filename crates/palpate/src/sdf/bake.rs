@@ -282,7 +282,7 @@ impl NodeGrid {
         }
         let far = [low, high].into_iter().flat_map(|corner| [corner.x, corner.y, corner.z]);
         if let Some(found) = far.into_iter().find(|x| x.abs() > MAX_COORDINATE_M) {
-            let wanted = "metres, a thousand at most; is it in millimetres?";
+            let wanted = "at most 1000 m; is it in millimetres?";
             return Err(SdfError::Number { thing: "a coordinate of the shape", found, wanted });
         }
         Ok(NodeGrid { origin_m, spacing_m, shape: [n.x as usize, n.y as usize, n.z as usize] })

@@ -83,7 +83,7 @@ impl DistanceGrid {
         nodes_m: Vec<f32>,
     ) -> DistanceGrid {
         assert!(shape.iter().all(|&n| n >= 2), "a cell has two nodes along each axis");
-        assert_eq!(nodes_m.len(), shape.iter().product::<usize>(), "one distance a node");
+        assert_eq!(nodes_m.len(), shape.iter().product::<usize>(), "one distance for each node");
         let last_cell = shape.map(|n| (n - 1) as f64);
         let cells_per_m = spacing_m.recip();
         let strides = [shape[0], shape[0] * shape[1]];

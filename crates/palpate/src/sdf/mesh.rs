@@ -69,7 +69,7 @@ impl TriangleMesh {
             Some(&found) => Err(SdfError::Number {
                 thing: "coordinate of a mesh vertex",
                 found,
-                wanted: "a finite number of metres on a robot",
+                wanted: "a finite number of at most 1e9 m",
             }),
             None => Ok(()),
         }

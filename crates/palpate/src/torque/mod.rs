@@ -285,7 +285,7 @@ impl Observation {
     /// If there is not one weight for each joint.
     pub fn weighted(mut self, weights: &[f64]) -> Self {
         let n = self.n_joints;
-        assert_eq!(weights.len(), n, "one weight a joint");
+        assert_eq!(weights.len(), n, "one weight for each joint");
         for (tau, weight) in self.stream.iter_mut().zip(weights) {
             *tau *= weight;
         }

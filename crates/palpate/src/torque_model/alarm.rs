@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tail_that_is_small_by_chance_counts_for_little_until_it_is_long() {
+    fn a_short_tail_that_is_small_by_chance_has_little_weight() {
         // The largest of each second is hardly above the level.
         let flat = |seconds: u32| {
             let rows = (0..=seconds).map(|k| (f64::from(k), 3.5 + 0.001 * f64::from(k % 10)));

@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn at_the_ends_the_doubt_of_a_parabola_is_what_it_lacks_of_a_cubic() {
+    fn at_the_ends_the_doubt_of_a_parabola_is_its_error_for_a_cubic() {
         let times: Vec<f64> = (0..60).map(|k| 0.01 * f64::from(k)).collect();
         let values: Vec<Vec<f64>> = times.iter().map(|t| vec![t * t * t]).collect();
         let causal = |now_s: f64| (Window::Causal { now_s }, now_s);

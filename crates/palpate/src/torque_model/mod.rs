@@ -238,7 +238,7 @@ impl TorqueModel {
         let names: Vec<&str> = self.joints.iter().map(|joint| joint.name.as_str()).collect();
         if own != names {
             return Err(format!(
-                "it is of an arm with the joints {}; the robot has {}",
+                "it belongs to an arm with the joints {}; the robot has {}",
                 names.join(", "),
                 own.join(", ")
             ));
@@ -250,7 +250,7 @@ impl TorqueModel {
             return Err(format!("delay_s is {}; wanted less than 1 s", self.delay_s));
         }
         if self.causal.as_ref().is_some_and(|causal| !causal.fits(self.joints.len())) {
-            return Err("[causal] is to have one window and one noise for each joint".to_owned());
+            return Err("[causal] must have one window and one noise for each joint".to_owned());
         }
         let alarms = [self.alarm, self.causal.as_ref().and_then(|causal| causal.alarm)];
         if alarms.iter().flatten().any(|alarm| !alarm.is_sound()) {

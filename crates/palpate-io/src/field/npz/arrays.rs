@@ -108,7 +108,11 @@ impl Array {
     /// If the product of the shape is not the number of elements.
     #[must_use]
     pub fn new(shape: Vec<usize>, data: Data) -> Self {
-        assert_eq!(shape.iter().product::<usize>(), data.len(), "the shape must fit the numbers");
+        assert_eq!(
+            shape.iter().product::<usize>(),
+            data.len(),
+            "the shape must match the number of elements"
+        );
         Self { shape, data }
     }
 
@@ -137,7 +141,7 @@ impl Array {
     }
 
     fn describe(&self) -> String {
-        format!("{} of {:?}", &self.data.descr()[1..], self.shape)
+        format!("{} of shape {:?}", &self.data.descr()[1..], self.shape)
     }
 
     /// Whether the shape is the wanted one, in which `None` is any length.
@@ -304,7 +308,7 @@ impl Arrays {
         let sides: Vec<String> = (shape.iter())
             .map(|side| side.map_or_else(|| "N".to_owned(), |side| side.to_string()))
             .collect();
-        let wanted = format!("{what} of [{}]", sides.join(", "));
+        let wanted = format!("{what} of shape [{}]", sides.join(", "));
         let (path, name) = (self.path.clone(), name.to_owned());
         NpzError::Array { path, name, found: array.describe(), wanted }
     }

@@ -25,7 +25,7 @@ pub enum NpzError {
     #[error("`{path}`: the array `{name}` {source}")]
     Member { path: PathBuf, name: String, source: NpyError },
     /// Arrays that exceed the memory limit.
-    #[error("`{path}` wants {}", input::too_large())]
+    #[error("`{path}` needs {}", input::too_large())]
     TooLarge { path: PathBuf },
     /// More members than are accepted.
     #[error("`{path}` holds {found} arrays; wanted at most {MAX_MEMBERS}")]

@@ -55,7 +55,7 @@ fn read(input: impl Read + Seek, path: &Path) -> Result<Arrays, NpzError> {
         let mut member = archive.by_index(index).map_err(broken)?;
         let file_name = member.name().map_err(broken)?.into_owned();
         let Some(name) = file_name.strip_suffix(".npy") else {
-            arrays.skipped.push((file_name, "is no npy file".to_owned()));
+            arrays.skipped.push((file_name, "is not an npy file".to_owned()));
             continue;
         };
         match read_member(&mut member, &mut room) {
@@ -89,7 +89,7 @@ fn read_member(member: &mut impl Read, room: &mut u64) -> Result<Option<Array>, 
         return Err(NpyError::Truncated { held, promised, unit: "numbers" });
     }
     if member.read(&mut [0])? != 0 {
-        let reason = "more numbers follow than its shape says".to_owned();
+        let reason = "more numbers follow than its shape has".to_owned();
         return Err(NpyError::Header { reason });
     }
     let sides: Result<Vec<usize>, _> = header.shape.iter().map(|&s| usize::try_from(s)).collect();
@@ -131,7 +131,7 @@ pub fn write_npz(path: &Path, arrays: &Arrays) -> Result<(), NpzError> {
 /// The bytes that [`write_npz`] writes.
 pub fn npz_bytes(arrays: &Arrays) -> Vec<u8> {
     let mut bytes = Vec::new();
-    pack(&mut bytes, arrays).expect("memory takes all that is written");
+    pack(&mut bytes, arrays).expect("writing to memory cannot fail");
     bytes
 }
 

@@ -32,7 +32,10 @@ pub(super) fn choose(
         Some(name) => {
             let topic = named(path, topics, name)?;
             if !has_joints(&topic.kind) {
-                let reason = format!("`{name}` holds messages of `{}`", topic.kind);
+                let reason = format!(
+                    "`{name}` holds messages of `{}`, which are not joint states",
+                    topic.kind
+                );
                 return Err(unclear(path, reason, topics));
             }
             topic

@@ -131,7 +131,7 @@ fn check_size(message: Message) -> Result<Message, String> {
         true => Ok(message),
         false => Err(format!(
             "it holds a message of {found} bytes in the topic of the joints or of the markers; \
-             wanted at most {most}; with a larger --file-memory GIB, larger ones are read"
+             wanted at most {most}; a larger --file-memory GIB allows larger messages"
         )),
     }
 }

@@ -74,7 +74,7 @@ impl Layout {
                 schema.spec.fields.iter().map(|field| field.name.as_str()).collect();
             let paths: Vec<&str> = wanted.iter().map(|(path, _)| *path).collect();
             let (paths, fields) = (paths.join(", "), fields.join(", "));
-            return Err(format!("it wants the fields {paths}, and has {fields}"));
+            return Err(format!("the fields {paths} are needed, and it has {fields}"));
         }
         Ok(Self { root })
     }
@@ -82,7 +82,7 @@ impl Layout {
     /// Extracts the wanted fields of a message. The error is the end of a message to the user.
     pub(super) fn take(&self, data: &[u8]) -> Result<Taken, String> {
         let Some((head, body)) = data.split_at_checked(4) else {
-            return Err(format!("it has {} bytes, less than the head of a message", data.len()));
+            return Err(format!("it has {} bytes, less than the header of a message", data.len()));
         };
         let mut taken = Taken::default();
         match [head[0], head[1]] {
@@ -114,7 +114,7 @@ impl<'a> Compiler<'a> {
     ) -> Result<Node, String> {
         self.fields += spec.fields.len();
         if depth > DEEPEST || self.fields > MAX_FIELDS {
-            return Err("its definition nests without end".to_owned());
+            return Err("its definition is nested too deeply, or has too many fields".to_owned());
         }
         if spec.fields.is_empty() {
             return Ok(Node::Value(BuiltInType::Byte, None)); // an empty message takes one byte
@@ -317,14 +317,14 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_followed_is_named() {
+    fn a_definition_that_cannot_be_used_is_reported() {
         let error =
             |definition: &str, wanted| Layout::of("here/Message", definition, wanted).unwrap_err();
-        assert!(error("float64[] p\n", WANTED).contains("and has p"));
+        assert!(error("float64[] p\n", WANTED).contains("and it has p"));
         assert!(error("Gone x\n", &[]).contains("`here/Gone`"));
         assert!(error("wstring x\n", &[]).contains("wide string"));
         let endless = "A a\n===\nMSG: here/A\nA a\n";
-        assert!(error(endless, &[]).contains("without end"));
+        assert!(error(endless, &[]).contains("nested too deeply"));
         let encoded = layout().take(&message::<LittleEndian>([0, 7, 0, 0])).unwrap_err();
         assert!(encoded.contains("0007"), "{encoded}");
         assert!(layout().take(&[0]).unwrap_err().contains("1 bytes"));
@@ -332,7 +332,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_cut_or_changed_message_is_refused_or_read_but_never_fatal(
+        fn a_cut_or_changed_message_is_refused_or_read_without_a_panic(
             cut in 0_usize..120, at in 0_usize..120, byte in any::<u8>(),
         ) {
             let mut bytes = message::<LittleEndian>([0, 1, 0, 0]);
@@ -345,7 +345,7 @@ mod tests {
         }
 
         #[test]
-        fn no_definition_is_fatal(text in "[a-z/\\[\\]<=#0-9 \n]{0,80}") {
+        fn no_definition_makes_it_panic(text in "[a-z/\\[\\]<=#0-9 \n]{0,80}") {
             let _ = Layout::of("here/Message", &text, &[]);
         }
     }

@@ -68,11 +68,11 @@ fn open(path: &Path) -> Result<File, String> {
 fn in_words(error: &McapError) -> String {
     match error {
         McapError::UnexpectedEof | McapError::UnexpectedEoc => {
-            "the file ends in the middle of it (was the recording, or a copy of it, cut short?)"
+            "the file ends in the middle of a record (was the recording, or a copy of it, cut short?)"
                 .to_owned()
         }
         McapError::UnsupportedCompression(packing) if !cfg!(feature = "formats") => {
-            not_built(&format!("`{packing}`, with which its chunks are packed"))
+            not_built(&format!("`{packing}`, the compression of its chunks"))
         }
         McapError::BadMagic => "it does not begin or end as an MCAP file does".to_owned(),
         other => match std::error::Error::source(other) {
@@ -161,7 +161,9 @@ impl Records {
             return Ok(None);
         }
         if !strings_fit(opcode, data) {
-            return Err("a text in it claims to be longer than what holds it".to_owned());
+            return Err(
+                "a text in it claims to be longer than the record that contains it".to_owned()
+            );
         }
         let mut take = || {
             let record = parse_record(opcode, data)?.into_owned();

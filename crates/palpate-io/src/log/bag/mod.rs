@@ -198,8 +198,8 @@ impl BagLog {
                 format!("has {n} messages on topic `{topic}`, none of them of the joints {joints}")
             }
             (n, _) => format!(
-                "has {n} messages on topic `{topic}`, all of them before the first on the topic of \
-                 touches; name another with --touch-topic"
+                "has {n} messages on topic `{topic}`, all of them before the first message on the \
+                 topic of touches; name another topic with --touch-topic"
             ),
         };
         Err(BagError::Storage { path, reason }.into())

@@ -84,8 +84,8 @@ impl MessageReader {
         }
         let Some(definition) = &topic.definition else {
             return Err(
-                "the bag does not carry the definition of this type, of which there are several; \
-                 record it as MCAP or with a newer rosbag2, which do"
+                "the bag does not contain the definition of this type, which has several versions; \
+                 record it as MCAP or with a newer rosbag2, which store the definition"
                     .to_owned(),
             );
         };
@@ -172,7 +172,7 @@ impl MessageReader {
                     let name = taken.names.get(place).cloned().unwrap_or((place + 1).to_string());
                     Err(format!(
                         "the {what} of joint `{name}` is {value}; every number must be finite: if \
-                         the joint is not the arm's, name those that are (--joints)"
+                         it is not a joint of the arm, name the joints of the arm with --joints"
                     ))
                 }
             };

@@ -175,7 +175,7 @@ impl<W: Write + Seek> TouchWriter<W> {
         let joints = self.joints.len();
         if sample.q.len() != joints || sample.tau.len() != joints {
             let (q, tau) = (sample.q.len(), sample.tau.len());
-            let what = format!("a sample has {q} positions and {tau} torques of {joints} joints");
+            let what = format!("a sample has {q} positions and {tau} torques for {joints} joints");
             return Err(io::Error::new(io::ErrorKind::InvalidData, what));
         }
         let time_ns = sample.time_s.map(nanoseconds).transpose()?;
@@ -300,7 +300,12 @@ pub fn write_field(
     let columns: &[&str] =
         &["x", "y", "z", "K", "K_std"][..if field.std.is_some() { 5 } else { 4 }];
     let step = 4 * columns.len();
-    let too_many = || io::Error::new(io::ErrorKind::InvalidData, "a cloud holds too many points");
+    let too_many = || {
+        io::Error::new(
+            io::ErrorKind::InvalidData,
+            "the field has too many points for a point cloud message",
+        )
+    };
     let points = u32::try_from(field.points.len()).map_err(|_| too_many())?;
     let bytes = u32::try_from(field.points.len() * step).map_err(|_| too_many())?;
     let data = message(|out| {

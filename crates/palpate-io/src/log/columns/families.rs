@@ -30,7 +30,9 @@ pub(super) fn families(
         match families.iter().position(|family| family.key == key) {
             Some(family) => families[family].members.push(member),
             None if families.len() == MOST => {
-                return Err(format!("more than {MOST} sets of columns could be meant"));
+                return Err(format!(
+                    "more than {MOST} sets of columns look like positions and torques"
+                ));
             }
             None => families.push(Family { key, labels: Vec::new(), members: vec![member] }),
         }

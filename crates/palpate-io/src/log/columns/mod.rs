@@ -117,7 +117,9 @@ impl Columns {
         let (n, joints) = (map.q.len(), map.joints.as_ref().map_or(map.q.len(), Vec::len));
         if n == 0 || map.tau.len() != n || joints != n {
             let tau = map.tau.len();
-            return Err(format!("the map has {n} `q`, {tau} `tau` and {joints} `joints`"));
+            return Err(format!(
+                "`columns` names {n} `q`, {tau} `tau` and {joints} `joints`; wanted as many of each"
+            ));
         }
         let time = map.time.as_ref().map(|name| time_called(name, header));
         Ok(Self {
@@ -150,10 +152,10 @@ impl Columns {
         let pairs = pairs(&positions, torques);
         let [(q, tau)] = pairs[..] else {
             return Err(match (positions.is_empty(), torques.is_empty(), pairs.is_empty()) {
-                (true, _, _) => "no column is spelt like a joint position".to_owned(),
-                (_, true, _) => "no column is spelt like a joint torque".to_owned(),
+                (true, _, _) => "no column has a known name of joint positions".to_owned(),
+                (_, true, _) => "no column has a known name of joint torques".to_owned(),
                 (_, _, true) => "positions and torques are not of the same joints".to_owned(),
-                _ => "more than one set of columns could be meant".to_owned(),
+                _ => "more than one set of columns looks like positions and torques".to_owned(),
             });
         };
         if q.is_numbered() && !q.is_gapless() {
@@ -447,8 +449,8 @@ mod tests {
     #[test]
     fn missing_or_ambiguous_columns_are_an_error() {
         for (header, wanted) in [
-            ("a,b,c", "like a joint position"),
-            ("q1,q2,dq1", "like a joint torque"),
+            ("a,b,c", "known name of joint positions"),
+            ("q1,q2,dq1", "known name of joint torques"),
             ("q1,q2,tau1", "not of the same joints"),
             ("q0,q1,tau1,tau2", "not of the same joints"),
             ("q1,q3,tau1,tau3", "gaps"),

@@ -24,7 +24,9 @@ impl Columns {
             None => Ok(self),
             Some(&place) => {
                 let name = &header[place];
-                Err(format!("column `{name}` contradicts the angle unit {given:?}; change it"))
+                Err(format!(
+                    "column `{name}` contradicts the angle unit {given:?}; change one of them"
+                ))
             }
         }
     }

@@ -123,8 +123,8 @@ impl TouchFile for CsvFile {
         if self.columns.q.len() == joints {
             return Ok(());
         }
-        let first = first.display();
-        let reason = format!("`{first}` has {joints} joints, this file another number");
+        let (first, own) = (first.display(), self.columns.q.len());
+        let reason = format!("`{first}` has {joints} joints, this file has {own}");
         Err(TableError::columns(&self.path, reason, &self.header, EXAMPLE).into())
     }
 
@@ -278,7 +278,9 @@ impl<R: Read> Read for Lines<R> {
         if room == 0 {
             return match into.len() {
                 0 => Ok(0),
-                _ => Err(io::Error::other("a row is longer than 1 MiB; is a quote left open?")),
+                _ => Err(io::Error::other(
+                    "a row is longer than 1 MiB; is a closing quotation mark missing?",
+                )),
             };
         }
         let mut read = self.input.read(&mut into[..room])?;

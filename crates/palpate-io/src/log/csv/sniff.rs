@@ -28,7 +28,7 @@ pub(super) fn sniff(mut input: impl BufRead) -> io::Result<Result<Dialect, &'sta
             return Ok(Err("holds no header"));
         }
         if line.contains(&0) || read as u64 == MAX_LINE_BYTES {
-            return Ok(Err("is no table of text"));
+            return Ok(Err("is not a text table"));
         }
         let text = String::from_utf8_lossy(&line);
         let text = text.trim_start_matches('\u{feff}').trim();

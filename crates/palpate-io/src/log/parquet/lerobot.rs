@@ -35,8 +35,8 @@ pub(super) fn joints(file: &Path, q: &str, tau: &str) -> Result<Option<Joints>, 
     let in_words = |why: String| format!("`{}` {why}", path.display());
     let text = input::read_text(&path, LARGEST)
         .map_err(|error| in_words(format!("cannot be read: {error}")))?;
-    let info: Value =
-        serde_json::from_str(&text).map_err(|error| in_words(format!("is no JSON: {error}")))?;
+    let info: Value = serde_json::from_str(&text)
+        .map_err(|error| in_words(format!("is not valid JSON: {error}")))?;
     let of = |feature: &str| names(&info["features"][feature]["names"]);
     let (Some(q), tau) = (of(q), of(tau)) else { return Ok(None) };
     let tau = tau.unwrap_or_else(|| q.clone());
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_are_numbers_name_nothing_and_broken_metadata_is_reported() {
+    fn names_that_only_count_are_ignored_and_broken_metadata_is_reported() {
         let two_lists = r#"{"motors": ["a", "b"], "gripper": ["g"]}"#;
         for names in [
             r#"["motor_0", "motor_1"]"#,
@@ -122,7 +122,7 @@ mod tests {
             joints_of(r#"["joint_1", "joint_2", "gripper"]"#, up).unwrap().unwrap().q,
             [0, 1]
         );
-        assert!(joints_of("[", "1").unwrap_err().contains("meta/info.json` is no JSON"));
+        assert!(joints_of("[", "1").unwrap_err().contains("meta/info.json` is not valid JSON"));
         assert_eq!(joints(Path::new("/nowhere/data/file.parquet"), "s", "e"), Ok(None));
     }
 }

@@ -196,7 +196,7 @@ impl ParquetFile {
             places.iter().map(|&place| list.get(place).copied()).collect();
         chosen.ok_or_else(|| {
             let reason =
-                format!("it holds {} numbers, fewer than meta/info.json names", list.len());
+                format!("it holds {} numbers, fewer than the names in meta/info.json", list.len());
             self.refused(&self.header[column], reason)
         })
     }
@@ -205,13 +205,13 @@ impl ParquetFile {
     fn touch(&self, row: &Row, place: usize) -> Result<String, TableError> {
         match self.field(row, place) {
             Some(Field::Str(text)) if text.len() > LONGEST_NAME => {
-                let reason = format!("its name of a touch has {} bytes", text.len());
+                let reason = format!("the name of its touch has {} bytes", text.len());
                 let wanted = format!("{reason}; wanted at most {LONGEST_NAME}");
                 Err(self.refused(&self.header[place], wanted))
             }
             Some(Field::Str(text)) => Ok(text.clone()),
             Some(field) if number(field).is_some() => Ok(format!("episode_{field}")),
-            _ => Err(self.refused(&self.header[place], "it names no touch".to_owned())),
+            _ => Err(self.refused(&self.header[place], "it does not name a touch".to_owned())),
         }
     }
 
@@ -282,15 +282,15 @@ fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
             torques: LoggedTorques::Unknown,
         }),
         (Some(q), None) => Err(format!(
-            "positions are in `{}`, and no column holds torques, of which {} are known",
+            "positions are in `{}`, but no column holds torques; its known names are {}",
             header[q],
             EFFORTS.join(", ")
         )),
         (None, _) => {
             let columns = Columns::find(header, options.columns.as_ref())?;
             if columns.named_in_row.is_some() {
-                let remedy = "which are read of CSV only: name the columns in the robot's order";
-                return Err(format!("rows hold the joints' names, {remedy}"));
+                let remedy = "which are supported in CSV only: name the columns, in the order of the robot's joints";
+                return Err(format!("the rows contain names of joints, {remedy}"));
             }
             columns.in_unit(header, options.angle_unit)
         }

@@ -41,7 +41,9 @@ pub(super) fn check_footer(file: &mut File) -> io::Result<()> {
 ///
 /// If a header is inconsistent, or the file cannot be read.
 pub(super) fn largest_page(file: &mut File, start: u64, length: u64) -> io::Result<u64> {
-    let end = start.checked_add(length).ok_or_else(|| broken("a column ends nowhere"))?;
+    let end = start
+        .checked_add(length)
+        .ok_or_else(|| broken("a column ends beyond the largest possible file"))?;
     let (mut at, mut largest) = (start, 0);
     while at < end {
         file.seek(SeekFrom::Start(at))?;
@@ -137,7 +139,7 @@ impl<R: Read> Walker<R> {
     fn values(&mut self, count: u64, kind: u8, depth: u32) -> io::Result<()> {
         let depth = depth.checked_sub(1).ok_or_else(|| broken("lists are nested too deep"))?;
         if count > 0 && kind <= 2 {
-            return Err(broken("a list of flags"));
+            return Err(broken("a list of flags, which Parquet does not have"));
         }
         (0..count).try_for_each(|_| self.value(kind, depth))
     }
@@ -219,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_kept_and_all_else_is_walked_over() {
+    fn numbers_are_returned_and_all_else_is_skipped() {
         // 1: 5, 2: 300, 3: -2, a flag, a text, a list of two structs, a map, a double.
         let mut bytes =
             vec![0x15, 10, 0x15, 0xD8, 4, 0x15, 3, 0x11, 0x18, 2, b'h', b'i', 0x19, 0x2C];
@@ -233,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn no_list_claims_more_than_its_bytes() {
+    fn a_list_that_claims_more_than_its_bytes_is_refused() {
         let claims = [0xFF, 0xFF, 0xFF, 0xFF, 0x0F];
         for kind in [0xF1, 0xF5, 0xFC, 0xF9] {
             let bytes = [&[0x19, kind][..], &claims, &[0; 20]].concat();

@@ -112,7 +112,7 @@ fn an_impossible_camera_is_refused_with_what_is_wanted() {
         ("\"width\": 640", "\"w\": 640", "has no `width`"),
         ("\"fx\"", "\"f\"", "wanted the intrinsics"),
         ("[0, -1, 0, 1.5]", "[0, 1, 0, 1.5]", "a reflection"),
-        ("[0, -1, 0, 1.5]", "[0, -2, 0, 1.5]", "no rotation"),
+        ("[0, -1, 0, 1.5]", "[0, -2, 0, 1.5]", "not a rotation"),
         ("[0, 0, 0, 1]", "[0.5, 0, 0, 1]", "written column by column"),
         ("[0, 0, 0, 1]", "[0, 0, 0]", "it holds 15 numbers"),
         ("[0, 0, 0, 1]", "[0, 0, 0, null]", "something else than numbers"),

@@ -105,7 +105,7 @@ fn ahead(width: u32, height: u32) -> Camera {
 }
 
 #[test]
-fn what_is_cut_away_is_counted_once() {
+fn a_dropped_pixel_is_counted_for_one_reason_only() {
     let metres = [0.0, -1.0, f32::NAN, f32::INFINITY, 1.0, 1.0, 3.0, 9.0, 9.0, 9.0];
     let depth = DepthImage::new(10, 1, metres.to_vec(), 0.001);
     let crop = Some([Point3::new(-0.3, -9.0, 0.0), Point3::new(0.1, 9.0, 99.0)]);

@@ -129,7 +129,7 @@ def checked(what: str, points: Any, stiffness: Any, mode: Any, features: dict[st
     if (mode is not None and str(mode) != "isotropic") or shape[1:] not in [(), (1,)]:
         said = f"axis_mode {str(mode)!r} and " if mode is not None else ""
         raise FileError(
-            f"{what} has {said}`K` of shape {shape}; palpate's springs resist alike in all directions:"
+            f"{what} has {said}`K` of shape {shape}; palpate's springs are equally stiff in all directions:"
             " estimate with axis_mode='isotropic', or save a copy whose stiffness is (N,), such as the"
             " mean over its axes"
         )
@@ -182,8 +182,8 @@ def _array(
     needed = math.prod(shape) * dtype.itemsize
     if needed > min(size, MAX_BYTES):
         raise FileError(
-            f"{what} says it has shape {shape} of {dtype}, {needed} bytes; there are {size}, and "
-            f"{MAX_BYTES} at most are read"
+            f"{what} says it has shape {shape} of {dtype}, {needed} bytes; it holds {size}, and "
+            f"at most {MAX_BYTES} are read"
         )
     data = stream.read(needed)
     if len(data) < needed:
@@ -212,7 +212,7 @@ def _dict(stream: IO[bytes], what: str) -> dict[str, Any]:
         array = _ArraysOnly(io.BytesIO(data)).load()
     except Exception as error:  # a broken pickle may raise anything
         raise FileError(
-            f"{what} is a pickle that is not followed: {error}; only arrays of numbers are read"
+            f"{what} is a pickle that palpate does not read: {error}; only arrays of numbers are read"
         ) from error
     held = array.item() if isinstance(array, np.ndarray) and array.shape == () else None
     if not isinstance(held, dict):

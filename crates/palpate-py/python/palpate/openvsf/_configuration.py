@@ -163,7 +163,7 @@ class _Reading:
         arm = self.arm(given, files[robot] if robot else None)
         for other, parent in others.items():
             where = f"moves with `{parent}`: add it to the URDF" if parent else "stands in the world"
-            self.notes.append(f"`world.{other}` {where}; palpate touches with the robot's links alone.")
+            self.notes.append(f"`world.{other}` {where}; in palpate, only links of the robot touch the object.")
         return robot, arm
 
     def arm(self, given: Robot | _Path | None, file: str | None) -> Robot:
@@ -242,7 +242,7 @@ class _Reading:
         config.done()
         if slides is False:
             contact["slip_iterations"] = 0
-            why = "palpate's contacts are made for points that slip, and slipping costs it little"
+            why = "palpate's contact model is made for points that slip, and slip costs little time"
             self.notes.append(f"`{config.named('sim_slide')}` is false, so points stick; {why}.")
         else:
             contact["slip_step_m"] = step
@@ -264,15 +264,15 @@ class _Reading:
             return Lattice.filling(low, high, size)
         if way != "file" or path is None:
             self.notes.append(
-                f"`{model.named('init_method')}` is {way!r}, which palpate does not make points of: "
-                "its own lattice is taken, or give `lattice`."
+                f"`{model.named('init_method')}` is {way!r}, from which palpate makes no points: "
+                "its own lattice is used, unless you give `lattice`."
             )
             return None
-        missing = model.error("path", f"`{path}` is not there; give `lattice` to do without")
+        missing = model.error("path", f"`{path}` is not there; give `lattice` to do without this file")
         points = read_field(self.found(path, missing)).points
         lattice = lattice_of(points @ _turned(pose)[:3, :3].T + _turned(pose)[:3, 3])
         self.notes.append(
-            f"The lattice reaches over the points of `{path}`, one every {lattice.spacing:.6g} m."
+            f"The lattice covers the points of `{path}`, with a spacing of {lattice.spacing:.6g} m."
         )
         return lattice
 
@@ -282,7 +282,7 @@ class _Reading:
             box = np.array(corners, dtype=float).reshape(2, 3)
             turned = _turned(pose)
         except (TypeError, ValueError) as error:
-            raise config.error("bbox", f"or the pose is no box or 4 x 4: {error}") from None
+            raise config.error("bbox", f"is not a box of 2 x 3 numbers, or the pose is not 4 x 4: {error}") from None
         picks = np.array(np.meshgrid(*[[0, 1]] * 3)).reshape(3, -1).T
         posed = box[picks, range(3)] @ turned[:3, :3].T + turned[:3, 3]
         return posed.min(axis=0).tolist(), posed.max(axis=0).tolist()
@@ -294,7 +294,7 @@ class _Reading:
             if kind != "tare":
                 raise calibrator.error("type", f"is {kind!r}; wanted `tare`")
             if name != sensor and sensor is not None:
-                self.notes.append(f"The tare of `{name}` goes with its sensor, which is ignored.")
+                self.notes.append(f"The tare of `{name}` is ignored, as its sensor is.")
             elif samples is not None:
                 self.settings["touch"] = {"tare_frames": samples}
 
@@ -323,7 +323,7 @@ class _Reading:
         self.ignored(prior, "feature_keys")
         prior.done("diag", "c_dim")
         if kind not in (None, "gaussian"):
-            self.notes.append(f"The prior `{kind}` of features is taken as one for all points.")
+            self.notes.append(f"The prior `{kind}` depends on features; palpate uses one prior for all points.")
         cells = spacing / 0.01
         estimator = self.settings["estimator"]
         if mean == 0.0 and method == "ekf":
@@ -355,7 +355,7 @@ class _Reading:
             if not keys.keys():
                 continue
             if key not in keys:
-                raise keys.error(key, f"is not there, though it is to hold the {what}")
+                raise keys.error(key, f"is missing; it must hold the {what}")
             if _width(keys.value(key)) != arm.n_joints:
                 found = f"is {keys.value(key)}; wanted {arm.n_joints}, the {what} of all joints"
                 raise keys.error(key, found)

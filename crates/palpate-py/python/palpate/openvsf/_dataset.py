@@ -44,7 +44,7 @@ def open_dataset(
         raise ValueError("`sequences` is empty; wanted at least one")
     for folder in folders:
         if not folder.is_dir():
-            raise LogError(f"`{folder}` is no folder, though OpenVSF counts it as a sequence: move it")
+            raise LogError(f"`{folder}` is no folder, though OpenVSF counts it as a sequence: move it elsewhere")
         for key in (angles, torques):
             if not (folder / f"{key}.npy").is_file():
                 raise LogError(f"`{folder}` has no {key}.npy")

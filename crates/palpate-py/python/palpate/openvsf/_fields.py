@@ -155,7 +155,7 @@ def _field(
     points = arrays.points
     far_m = float(np.abs(points).max())
     if far_m > FAR_M:
-        raise FileError(f"{what}: `points` reach {far_m:.6g} m; wanted m, in the frame of the robot")
+        raise FileError(f"{what}: `points` reach {far_m:.6g} m; wanted coordinates in m, in the frame of the robot")
     counts = _counts(what, arrays)
     variance = _variance(what, arrays, counts, k_std)
     springs = Springs(points, _not_negative(what, arrays.stiffness), variance, counts)
@@ -206,17 +206,17 @@ def _not_negative(what: str, stiffness: NDArray[np.float64]) -> NDArray[np.float
     found = f"{what}: {len(negative)} of {len(stiffness)} values of `K` are negative, down to"
     found = f"{found} {negative.min():.3g} N/m"
     if negative.min() < -TINY * max(1.0, float(stiffness.max())):
-        raise FileError(f"{found}: no solver's zeros, and no springs")
-    warnings.warn(f"{found}: a solver's zeros, taken as 0", PalpateWarning, stacklevel=4)
+        raise FileError(f"{found}: too far below 0 for rounding errors of a solver")
+    warnings.warn(f"{found}: rounding errors of a solver, taken as 0", PalpateWarning, stacklevel=4)
     return np.maximum(stiffness, 0.0)
 
 
 def _warn_if_moved(what: str, lattice: Lattice, n: int, moved: Moved) -> None:
     if moved.largest_m <= NEAR_CELLS * lattice.spacing and moved.merged == 0:
         return
-    shared = f", {moved.merged} into the cell of another, where springs add up" if moved.merged else ""
+    shared = f", {moved.merged} into the cell of another, where stiffness adds up" if moved.merged else ""
     warnings.warn(
-        f"{what}: its {n} points were moved to a lattice of one every "
+        f"{what}: its {n} points were moved to a lattice with a spacing of "
         f"{lattice.spacing:.6g} m, by {moved.mean_m:.3g} m on average and {moved.largest_m:.3g} m at "
         f"most{shared}; `lattice` or `spacing` set another",
         PalpateWarning,
@@ -266,7 +266,7 @@ def _with_untouched(std: NDArray[np.float64], untouched: float | None) -> NDArra
         return std
     if untouched is None:
         raise ValueError(
-            "the field has no memory and does not say the std of cells never touched; give "
+            "the field has no memory, and so no std of untouched cells; give "
             "`untouched_std`, N/m"
         )
     if not (np.isfinite(untouched) and untouched >= 0.0):

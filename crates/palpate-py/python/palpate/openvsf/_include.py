@@ -30,12 +30,12 @@ def read(path: Path, within: tuple[Path, ...] = ()) -> Any:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "it is no text"
+        why = error.strerror if isinstance(error, OSError) else "it is not a text file"
         by = f", which `{within[-1]}` includes," if within else ""
         raise FileError(f"`{path}`{by} cannot be read: {why}") from error
     parse: Callable[[str], Any]
     if path.suffix in (".yaml", ".yml"):
-        kind, parse = "YAML that is read", _yaml
+        kind, parse = "YAML that palpate reads", _yaml
     elif path.suffix == ".json":
         kind, parse = "JSON", json.loads
     elif within:

@@ -84,9 +84,9 @@ def spanning(points: NDArray[np.float64], spacing: float) -> Lattice:
     sides = [math.floor(edge / spacing + 0.5) + 1 for edge in (high - low).tolist()]
     if math.prod(sides) >= 1 << 32:
         raise ValueError(
-            f"`points` reach from {low.tolist()} to {high.tolist()} m: every {spacing:.6g} m makes "
+            f"`points` reach from {low.tolist()} to {high.tolist()} m: a spacing of {spacing:.6g} m makes "
             f"{' x '.join(map(str, sides))} cells, and a lattice has less than 2^32; give a larger "
-            "`spacing`, or leave out what lies far off"
+            "`spacing`, or leave out distant points"
         )
     return Lattice(low, spacing, sides)
 
@@ -101,7 +101,7 @@ def typical_spacing(points: NDArray[np.float64]) -> float:
         if len(gaps):
             nearest.append(math.sqrt(float(gaps.min())))
     if not nearest:
-        raise ValueError("`points` are all at one place, which has no spacing; give `spacing`")
+        raise ValueError("`points` are all at one place, which determines no spacing; give `spacing`")
     return float(np.median(nearest))
 
 

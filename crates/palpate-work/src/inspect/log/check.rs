@@ -202,7 +202,7 @@ impl LogCheck {
         match logs.len() {
             0 | 1 if first.is_empty() => "the log".to_owned(),
             0 | 1 => format!("`{first}`"),
-            logs => format!("`{first}`, or what comes after it in {},", counted(logs, "log")),
+            logs => format!("`{first}`, or a later one of {},", counted(logs, "log")),
         }
     }
 }

@@ -52,13 +52,13 @@ pub(super) fn finding(
     }
     let long = delay_s.map_or(String::new(), |s| format!(", {} s", number(s)));
     let what = format!(
-        "the torques come about {} later than the positions{long}: the arm sets out in {}, and \
-         gravity shows in the torques so much later than it must",
+        "the torques come about {} later than the positions{long}: in {}, the arm starts to move, \
+         and the change of gravity shows in the torques only after this time",
         counted(frames as usize, "frame"),
         counted(delays.len(), "touch")
     );
-    let remedy = "the object looks softer where the arm pushes and harder where it draws back; log \
-                  positions and torques of one message, or shift the torques by as much";
+    let remedy = "the object looks softer where the arm pushes and harder where it retreats; log \
+                  positions and torques of one message, or shift the torques by this delay";
     Some(Finding::warning("delay", what, remedy))
 }
 

@@ -90,10 +90,10 @@ fn duplicates(touches: &[RecordedTouch]) -> Option<Finding> {
     let frames: usize = touches.iter().map(RecordedTouch::frames).sum();
     let what = |n, rows| {
         let repeats = counted(n, "frame");
-        format!("{repeats} of {frames} repeat the frame before to the last bit: {rows} (from 0)")
+        format!("{repeats} of {frames} are exact copies of the frame before: {rows} (from 0)")
     };
     let remedy = "the log was written faster than the robot reports, and every copy would count as \
-                  new evidence; record each report once, or drop the copies";
+                  a new measurement; record each report once, or remove the copies";
     Finding::at_places("duplicate_frames", &places, what, remedy)
 }
 
@@ -119,8 +119,8 @@ fn copies(touches: &[RecordedTouch]) -> Option<Finding> {
         Some((&*touch.name, format!("{} of {}", named(touch, other), named(other, touch))))
     });
     let what = |n, copies| match n {
-        1 => format!("a touch is a copy of another, to the last bit: {copies}"),
-        n => format!("{n} touches are copies of others, to the last bit: {copies}"),
+        1 => format!("a touch is an exact copy of another: {copies}"),
+        n => format!("{n} touches are exact copies of others: {copies}"),
     };
     let remedy =
         "leave them out: they count twice, and cross-validation predicts them from themselves";
@@ -134,10 +134,12 @@ fn time_unit(clock: &ClockFacts, touches: &[RecordedTouch]) -> Option<Finding> {
     (is_slow || !(least..=most).contains(&clock.period_s)).then(|| {
         let period_s = number(clock.period_s);
         let slowly = if is_slow { ", in which the arm hardly moves" } else { "" };
-        let what =
-            format!("the median time step is {period_s} s{slowly}: milliseconds or nanoseconds?");
-        let remedy = "save seconds: `identify`, `torque` and --arm compute speeds out of them; maps without --arm \
-                      need no times, but rates and gaps cannot be judged";
+        let what = format!(
+            "the median time step is {period_s} s{slowly}: are the times in milliseconds or \
+             nanoseconds?"
+        );
+        let remedy = "save seconds: `identify`, `torque` and --arm compute speeds from the times; maps without --arm \
+                      need no times, but sampling rate and gaps cannot be checked";
         Finding::warning("time_unit", what, remedy)
     })
 }
@@ -173,7 +175,7 @@ fn gaps(touches: &[RecordedTouch], period_s: f64) -> Option<Finding> {
             number(period_s)
         )
     };
-    let remedy = "the motion in between is taken to be straight; if the arm moved or touched \
+    let remedy = "the motion in between is assumed to be straight; if the arm moved or touched \
                   something there, record again or cut the touch there";
     Finding::at_places("gaps", &places, what, remedy)
 }
@@ -185,8 +187,8 @@ fn backwards(touches: &[RecordedTouch]) -> Option<Finding> {
     let what = |n, rows| {
         format!("the clock stands still or runs backwards {}: at {rows} (from 0)", times(n))
     };
-    let remedy = "the order of the rows is believed, not the clock; if rows are out of order or \
-                  two recordings were joined, sort or part them";
+    let remedy = "rows are used in the order of the log, whatever their times; if rows are out of order or \
+                  two recordings were joined, sort or separate them";
     Finding::at_places("clock", &places, what, remedy)
 }
 
@@ -202,13 +204,13 @@ pub(super) fn stamps(touches: &[RecordedTouch], robot: &Robot) -> Option<Finding
         .collect();
     let what = |n, touches| {
         format!(
-            "in {}, stamps are off from the times at which the joints were read (root mean square): \
-             {touches}; a node that publishes joint states again at a rate of its own is a usual \
-             reason",
+            "in {}, time stamps differ from the times at which the joints were read (root mean square): \
+             {touches}; a usual reason is a node that publishes joint states again at a rate of its \
+             own",
             counted(n, "touch"),
         )
     };
-    let remedy = "maps need no times; `identify`, `torque` and `map --arm` correct those of logs; \
+    let remedy = "maps need no times; `identify`, `torque` and `map --arm` correct the time stamps of logs; \
                   `live` cannot, so let it listen to the topic of the robot's driver";
     Finding::at_places("stamps", &places, what, remedy).map(Finding::noted)
 }

@@ -50,7 +50,7 @@ pub(super) fn judge(
         payload = heavier.map(|(_, payload)| payload);
     } else if let Some(Err(undecided)) = decided {
         let remedy =
-            "give the flags that it names; below, the log is read as if they were left out";
+            "give the flags that this message names; the figures of this report are without them";
         findings.push(Finding::warning("undecided", undecided.to_string(), remedy));
     }
     let ConventionFit { torque_sign, gravity, residual, .. } = fits.accepted();
@@ -97,18 +97,18 @@ fn wrong_convention(fits: &ConventionFits) -> Finding {
     let [residual, residual_as_set, gravity_torque] =
         [best.residual, set.residual, fits.gravity_torque].map(number);
     if fits.by_work {
-        let what = "the torques have the opposite sign: so they do work on the arm as it moves, more than they take, \
-                    as only motors can";
+        let what = "the torques have the opposite sign: with the given one they do more work on the arm than they take \
+                    from it, which only motors can do";
         let flags = flags(set, best);
-        let remedy = format!("use {}; below, the log is read so", flags.join(" "));
+        let remedy = format!("use {}; the figures of this report do", flags.join(" "));
         return Finding::warning("torque_sign", what.to_owned(), remedy).try_flags(&flags);
     }
     let (code, seen) = match best.gravity {
         Gravity::Removed => {
-            ("gravity", format!("the log holds no gravity: {when} it measures {residual} N·m"))
+            ("gravity", format!("the torques contain no gravity: they are {residual} N·m"))
         }
         Gravity::Included if set.gravity == Gravity::Removed => {
-            ("gravity", format!("the log holds gravity: taking it off leaves {residual} N·m"))
+            ("gravity", format!("the torques contain gravity: without it they are {residual} N·m"))
         }
         Gravity::Included => (
             "torque_sign",
@@ -121,14 +121,17 @@ fn wrong_convention(fits: &ConventionFits) -> Finding {
     };
     let slope = match fits.at_rest {
         true => String::new(),
-        false => format!(" (no touch begins still, but the slope on gravity is {:.2})", best.slope),
+        false => format!(
+            " (no touch begins at rest, but the slope of the torques on gravity is {:.2})",
+            best.slope
+        ),
     };
     let what = format!(
-        "{seen}, of the {gravity_torque} N·m of gravity {when}{slope}; with the settings \
+        "{seen}, where gravity {when} is {gravity_torque} N·m{slope}; with the settings \
          as given, {residual_as_set} N·m remain unexplained"
     );
     let flags = flags(set, best);
-    let remedy = format!("use {}; below, the log is read so", flags.join(" "));
+    let remedy = format!("use {}; the figures of this report do", flags.join(" "));
     Finding::warning(code, what, remedy).try_flags(&flags)
 }
 
@@ -147,10 +150,10 @@ fn wrong_order(
     let how = match wrong.len() {
         2 => format!("with `{}` and `{}` swapped", wrong[0], wrong[1]),
         _ if (0..n).all(|j| order[j] == n - 1 - j) => "in reverse".to_owned(),
-        _ => "turned round".to_owned(),
+        _ => "in another order".to_owned(),
     };
     let what = format!(
-        "the log seems to hold the joints {how}: so {} N·m remain unexplained by gravity, in the \
+        "the log seems to hold the joints {how}: then {} N·m remain unexplained by gravity, in the \
          robot's order {} N·m",
         number(better.best.residual),
         number(straight.best.residual)
@@ -160,8 +163,8 @@ fn wrong_order(
         _ => "the log's joint names look wrong; name the columns",
     };
     let remedy = format!(
-        "its columns seem to be {}; {source} in the robot's order, {} (CSV: --columns); below, \
-         the log is read so",
+        "its columns seem to be {}; {source} in the robot's order, {} (CSV: --columns); \
+         the figures of this report are for the order that it seems to have",
         listed(&columns),
         listed(&names)
     );
@@ -175,11 +178,11 @@ fn opposite_signs(robot: &Robot, by_sign: &[Vec<usize>; 2]) -> Finding {
         .each_ref()
         .map(|joints| joints.iter().map(|&joint| names[joint]).collect::<Vec<_>>());
     let what = format!(
-        "gravity at rest shows the sign plus at {}, and minus at {}: some columns are negated",
+        "at rest, gravity shows the sign plus for {}, and minus for {}: some columns are negated",
         listed(&plus),
         listed(&minus)
     );
-    let remedy = "all joints must have the same sign: negate the odd columns in the log (there is no flag for it)";
+    let remedy = "all joints must have the same sign: negate the columns with the wrong sign in the log (there is no flag for it)";
     let odd = if plus.len() < minus.len() { &plus } else { &minus };
     Finding::warning("joint_sign", what, remedy).at(odd)
 }
@@ -193,7 +196,7 @@ fn misfit(fits: &ConventionFits, heavier: Option<&(ConventionFit, Payload)>) -> 
         number(fits.gravity_torque)
     );
     let Some((fit, payload)) = heavier else {
-        let remedy = "look for a wrong robot (--robot), a payload that it does not know \
+        let remedy = "look for a wrong robot (--robot), a payload that is not in its URDF \
                       (--payload-link, --payload-mass-kg), another order of the joints, or \
                       another unit (--angle-unit deg)";
         return Finding::warning("gravity_misfit", what, remedy);

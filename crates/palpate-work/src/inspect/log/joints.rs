@@ -69,8 +69,8 @@ pub(super) fn miscounted(touch: &RecordedTouch, robot: &Robot) -> Option<Finding
             robot.name(),
             listed(&names)
         );
-        let remedy = "name the right robot (--robot), or save only its joints; nothing that \
-                      needs the robot was looked at";
+        let remedy = "name the right robot (--robot), or save only its joints; what \
+                      needs the robot was not checked";
         Finding::error("joint_count", what, remedy)
     })
 }
@@ -78,7 +78,7 @@ pub(super) fn miscounted(touch: &RecordedTouch, robot: &Robot) -> Option<Finding
 fn unmatched(what: String, joints: &[String]) -> Finding {
     let remedy = format!(
         "name the right robot (--robot), or the columns in the order {} (--columns \
-         'q=...;tau=...'), which leaves names aside",
+         'q=...;tau=...'); then their names do not matter",
         joints.join(", ")
     );
     Finding::error("joint_names", what, remedy)

@@ -352,13 +352,14 @@ impl LogFacts {
 }
 
 fn unreadable(error: &WorkError) -> Finding {
-    let remedy = "correct what the message names; the rest holds only what could be read before it";
+    let remedy =
+        "correct what the message names; this report is only about what could be read before it";
     Finding::error("unreadable", error.to_string(), remedy)
 }
 
 /// A finding for a warning of the reader; `None` for the clock, which has its own finding.
 fn left_out(odd: &LogWarning) -> Option<Finding> {
-    let remedy = "nothing, if that is as meant; else see --joints, --touch-topic and the recording";
+    let remedy = "nothing to do if this is intended; otherwise check --joints, --touch-topic and the recording";
     let clock = matches!(odd, LogWarning::TimeNotIncreasing { .. });
     (!clock).then(|| Finding::warning("left_out", odd.to_string(), remedy))
 }

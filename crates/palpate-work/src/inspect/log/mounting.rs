@@ -46,7 +46,7 @@ pub(super) fn finding(
         given.len(),
         works.len()
     );
-    let remedy = "let the URDF say how the arm is mounted: the <origin rpy> of the joint between its root link, z up, \
+    let remedy = "describe in the URDF how the arm is mounted: by the <origin rpy> of the joint between its root link, z up, \
                   and its base; otherwise all contact torques have the wrong sign";
     Some(Finding::warning("mounting", what, remedy))
 }

@@ -69,7 +69,7 @@ fn frozen(touches: &[&RecordedTouch], (joint, name): (usize, &str)) -> Option<Fi
         listed(&names)
     );
     let remedy = "the sensor is dead or was not recorded, and its torque would count as measured; \
-                  look at the driver, or leave these touches out";
+                  check the driver, or leave these touches out";
     Some(Finding::warning("frozen_torque", what, remedy).in_touches(&names).at(&[name]))
 }
 
@@ -110,12 +110,12 @@ fn stuck(touches: &[&RecordedTouch], (joint, name): (usize, &str)) -> Option<Fin
     let what = |n, rows| {
         let stretches = counted(n, "stretch");
         format!(
-            "the torque of joint `{name}` stands still while the arm moves, in {stretches}: \
+            "the torque of joint `{name}` does not change while the arm moves, in {stretches}: \
                  {rows} (from 0)"
         )
     };
-    let remedy = "the sensor hung or the driver repeated what it had, and all of it would count as \
-                  measured; look at the driver, or leave these touches out";
+    let remedy = "the sensor hung or the driver repeated its last value, and all copies would count as \
+                  measured; check the driver, or leave these touches out";
     Some(Finding::at_places("stuck_torque", &places, what, remedy)?.at(&[name]))
 }
 
@@ -153,7 +153,7 @@ fn cut_off(touches: &[&RecordedTouch], (joint, name): (usize, &str)) -> Option<F
     };
     let cut: Vec<f64> = ends.into_iter().filter(is_cut).collect();
     let values: Vec<String> = cut.iter().map(|value| number(*value)).collect();
-    let what = format!("never passes {} N·m, and stays there", values.join(" and "));
+    let what = format!("stays at {} N·m, and never exceeds it", values.join(" and "));
     let is_there = |sample: &Sample| cut.contains(&torque(sample));
     capped(touches, name, ("clipped_torque", &what), is_there)
 }
@@ -172,7 +172,7 @@ fn capped(
         let frames = counted(touches.iter().map(|touch| capped(touch)).sum(), "frame");
         let names_listed = listed(&names);
         let what = format!("the torque of joint `{name}` {what}, in {frames}: {names_listed}");
-        let remedy = "what goes beyond is cut off and makes the object look softer; push less, or \
+        let remedy = "larger torques are cut off, so the object looks softer than it is; push less, or \
                       leave these touches out";
         Finding::warning(code, what, remedy).in_touches(&names).at(&[name])
     })

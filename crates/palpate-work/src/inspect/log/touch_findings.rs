@@ -106,17 +106,17 @@ impl JudgedFigures<'_> {
         let shows = |touch: &TouchFacts| wants_start && touch.start_frames < fewest;
         if self.fits.accepted().gravity == Gravity::Removed {
             let what = format!(
-                "no contact-free start ({early}): external torques are taken as they are in"
+                "no contact-free start ({early}): no tare is subtracted from the external torques in"
             );
             let remedy = "the sensors' bias is still in them; start the log earlier, with the arm still \
-                          and free, and it is taken off";
+                          and without contact, and it is subtracted";
             return self.shown(shows, ("no_start", &what, remedy));
         }
         let what = format!("no contact-free start: {early}, in");
-        let remedy = "start the log earlier, with the arm still and free; or use --tare-frames N \
-                      to take the tare from the first N frames as they are, or --no-tare if the \
-                      torques are external ones already; with --arm, of `palpate identify`, no start is \
-                      needed";
+        let remedy = "start the log earlier, with the arm still and without contact; or use --tare-frames N \
+                      to take the tare from the first N frames in any case, or --no-tare if the \
+                      torques are external ones already; with --arm, from `palpate identify`, no such \
+                      start is needed";
         self.shown(shows, ("no_start", &what, remedy)).map(Finding::refused)
     }
 
@@ -131,8 +131,8 @@ impl JudgedFigures<'_> {
             return Some(finding.refused());
         }
         let what = format!("the arm moves within the {wanted} frames of --tare-frames in");
-        let remedy = "whatever it touches there is taken for bias; give a smaller number, or leave \
-                      it out to have the start found";
+        let remedy = "contact torques in these frames count as bias; give a smaller number, or leave \
+                      --tare-frames out, so that the contact-free start is found";
         self.shown(|touch| touch.still_frames < wanted, ("moving_tare", &what, remedy))
     }
 
@@ -156,17 +156,17 @@ impl JudgedFigures<'_> {
             let largest = offs.max_by(|a, b| a.abs().total_cmp(&b.abs()))?;
             let shows = |touch: &TouchFacts| off(touch).abs() > least;
             let what = format!(
-                "joint `{}` is off by up to {} N·m at rest, in",
+                "the torque of joint `{}` is off by up to {} N·m at rest, in",
                 joint.name,
                 number(largest)
             );
             let remedy = if self.judged().all(shows) {
-                "the arm may carry something that the robot does not know of (--payload-link, \
-                 --payload-mass-kg), or the sensor needs calibration; the tare takes it off only \
-                 for as long as the arm keeps its pose"
+                "the arm may carry something that is not in its URDF (--payload-link, \
+                 --payload-mass-kg), or the sensor needs calibration; the tare corrects a payload only \
+                 while the arm stays near the pose of the start"
             } else {
                 "the arm may have been touching something when these touches began: the tare then \
-                 hides that force; look at a picture, start farther away, or leave them out"
+                 removes that force; start farther away, or leave these touches out"
             };
             Some(self.shown(shows, ("bias", &what, remedy))?.at(&[&joint.name]))
         };
@@ -193,8 +193,8 @@ impl JudgedFigures<'_> {
         let silent: Vec<_> =
             silent.map(|(_, joint)| (joint.name.as_str(), joint.name.clone())).collect();
         let what = "the torques at rest have no noise at all";
-        let remedy = "fine if the log is simulated; else they are filtered, estimated or held, and \
-                      lag behind the motion: log the sensors themselves";
+        let remedy = "fine if the log is simulated; otherwise they are filtered, estimated or held, and \
+                      lag behind the motion: log the values of the sensors themselves";
         Finding::of_parts("no_noise", &silent, what, remedy).map(Finding::noted)
     }
 
@@ -205,15 +205,15 @@ impl JudgedFigures<'_> {
             Some((joint.name.as_str(), format!("{} {} N·m", joint.name, number(std))))
         });
         let what = "the torques at rest are noisy (standard deviation)";
-        let remedy = "check brakes, controller and wiring, or raise --torque-std to as much; if it \
+        let remedy = "check brakes, controller and wiring, or raise --torque-std to this value; if it \
                       is drift, wait before the touch";
         Finding::of_parts("noise", &loud.collect::<Vec<_>>(), what, remedy)
     }
 
     fn weak(&self) -> Option<Finding> {
         let what = format!("the external torque stays below {WEAK} N·m in");
-        let remedy = "the arm hardly touches anything, which teaches where nothing is but not how \
-                      stiff the object is; push farther";
+        let remedy = "the arm hardly touches anything; from this the field learns where there is no object, \
+                      but not how stiff the object is; push farther";
         let shows =
             |touch: &TouchFacts| touch.start_frames < touch.frames && touch.peak_external < WEAK;
         self.shown(shows, ("weak_touch", &what, remedy)).map(Finding::noted)

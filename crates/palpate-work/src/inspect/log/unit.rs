@@ -29,15 +29,24 @@ pub(super) fn correct(
     let Some((unit, what)) = other_unit(touches, robot, read_as, set) else {
         return (read_as, None);
     };
+    let in_words = match unit {
+        AngleUnit::Deg => "degrees",
+        AngleUnit::Rad => "radians",
+    };
     let finding = match given {
         _ if slides(robot) => {
-            let remedy = "convert the angles of the log to radians; below, they are read so";
+            let remedy = format!(
+                "convert the angles of the log to radians; this report reads them as {in_words}"
+            );
             Finding::warning("angle_unit", what, remedy)
         }
-        None => Finding::warning("angle_unit", what, "nothing, they are read so").noted(),
+        None => {
+            let remedy = format!("nothing to do: they are read as {in_words}");
+            Finding::warning("angle_unit", what, remedy).noted()
+        }
         Some(_) => {
             let unit = word(unit);
-            let remedy = format!("use --angle-unit {unit}; below, they are read so");
+            let remedy = format!("use --angle-unit {unit}; this report reads them as {in_words}");
             Finding::warning("angle_unit", what, remedy).try_flags(&["--angle-unit", &unit])
         }
     };
@@ -118,7 +127,7 @@ fn other_unit(
         return None;
     }
     touches.clone_from_slice(&converted);
-    let agrees = if gravity_agrees { ", and gravity fits far better so" } else { "" };
+    let agrees = if gravity_agrees { ", and gravity fits far better in this unit" } else { "" };
     let (like, largest) = match unit {
         AngleUnit::Deg => ("degrees", largest),
         AngleUnit::Rad => ("radians, not degrees", largest.to_degrees()),
