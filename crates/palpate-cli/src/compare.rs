@@ -8,9 +8,9 @@ use palpate_learn::change::{Change, Comparison};
 use palpate_work::change::{ComparisonReport, compare};
 
 use crate::error::CliError;
+use crate::file_paths::{self, FilePaths};
 use crate::interrupt;
 use crate::output::{Output, figure, table};
-use crate::place::{self, Places};
 use crate::predict::open_beside;
 use crate::settings::RobotAndLogSettings;
 
@@ -53,7 +53,7 @@ pub(crate) struct Args {
 /// Compares touches of logs with a field.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
-    let mut places = Places::read(&args.settings, &settings, &args.logs);
+    let mut places = FilePaths::read(&args.settings, &settings, &args.logs);
     places.input("the field", Some(&args.field));
     places.output("the moved field (--moved)", args.moved.as_deref())?;
     interrupt::listen();
@@ -67,7 +67,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             ),
             Change::Moved(motion) => {
                 let moved = SavedField::of_field(moved(&saved.field, motion), &saved.robot);
-                place::save(path, &moved)?;
+                file_paths::save(path, &moved)?;
             }
             _ => output.note(
                 "the touches together do not show that the object has moved, so no moved field is written",

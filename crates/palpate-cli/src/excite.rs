@@ -11,8 +11,8 @@ use serde_json::json;
 
 use crate::args::number_in;
 use crate::error::CliError;
+use crate::file_paths::{self, FilePaths};
 use crate::output::Output;
-use crate::place::{self, Places};
 use crate::settings::{RobotOnlySettings, Settings};
 use crate::{csv, interrupt, logs};
 
@@ -104,8 +104,8 @@ fn note_nearly_still(robot: &Robot, found: &Excitation, output: &Output) {
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let settings: Settings = args.settings.load()?;
     let formats = [("csv", Format::Csv), ("yaml", Format::Yaml), ("yml", Format::Yaml)];
-    let format = place::format_of(&args.output, "file of a motion", &formats)?;
-    let mut places = Places::read(&args.settings, &settings, &[]);
+    let format = file_paths::format_of(&args.output, "file of a motion", &formats)?;
+    let mut places = FilePaths::read(&args.settings, &settings, &[]);
     places.output("the motion (--output)", Some(&args.output))?;
     interrupt::listen();
     let (arm, robot) = (robot::load(&settings.robot, output)?, logs::robot_flags(&settings.robot));
@@ -144,7 +144,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         Format::Csv => table(&arm.robot, &found),
         Format::Yaml => trajectory(&arm.robot, &found),
     };
-    place::write(&args.output, &text)?;
+    file_paths::write(&args.output, &text)?;
     note_nearly_still(&arm.robot, &found, output);
     if args.json {
         return output.json(&json!({

@@ -11,9 +11,9 @@ use serde_json::json;
 
 use crate::args::{corners, number_in};
 use crate::error::CliError;
+use crate::file_paths::{self, FilePaths};
 use crate::interrupt;
 use crate::output::{Output, seconds};
-use crate::place::{self, Places};
 use crate::settings::{RobotOnlySettings, Settings};
 
 const NOTES: &str = "Examples:
@@ -73,10 +73,10 @@ impl Args {
 /// Forgets touches of a field.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let settings: Settings = args.settings.load()?;
-    let mut places = Places::read(&args.settings, &settings, &[]);
+    let mut places = FilePaths::read(&args.settings, &settings, &[]);
     places.output("the field (--output)", Some(&args.output))?;
     interrupt::listen();
-    let _hold = place::hold_field(&args.output)?;
+    let _hold = file_paths::hold_field(&args.output)?;
     let started = Instant::now();
     let name = args.field.display().to_string();
     let saved = field::load(&args.field).map_err(CliError::file)?;
@@ -84,7 +84,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let arm = of_field(arm, saved.snapshot.as_ref(), output);
     let (mapper, forgotten) = forget(&arm, (&saved, &name), &args.which(), output)?;
     let without = SavedField::of_mapper(&mapper);
-    place::save(&args.output, &without)?;
+    file_paths::save(&args.output, &without)?;
     let touches = without.snapshot.as_ref().map_or(0, |own| own.sample_log.len());
     let cells = without.field.touched_rows().count();
     let elapsed = started.elapsed();

@@ -10,10 +10,10 @@ use palpate_work::identify::{self, IdentifySettings};
 use serde_json::json;
 
 use crate::error::CliError;
+use crate::file_paths::FilePaths;
 use crate::output::{Output, table};
-use crate::place::Places;
 use crate::settings::RobotAndLogSettings;
-use crate::{interrupt, logs, place};
+use crate::{file_paths, interrupt, logs};
 
 const NOTES: &str = "Examples:
   palpate identify free_motion/ --robot robot.urdf -o arm.toml
@@ -66,15 +66,15 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     // The identified arm already contains the payload.
     (robot.payload_link, robot.payload_mass_kg, robot.payload_com_m) = (None, None, None);
     robot.arm.clone_from(&args.output);
-    let mut places = Places::read(&args.settings, &settings, &args.logs);
+    let mut places = FilePaths::read(&args.settings, &settings, &args.logs);
     places.output("the arm (--output)", args.output.as_deref())?;
-    args.output.iter().try_for_each(|path| place::check_older(path, "toml", |_| false))?;
+    args.output.iter().try_for_each(|path| file_paths::check_older(path, "toml", |_| false))?;
     places.output("the URDF (--urdf)", args.urdf.as_deref())?;
     interrupt::listen();
     let flags = logs::torque_flags(&settings.touch);
-    let (mut touches, arm) = logs::open_as_logged(&args.logs, &mut settings, output)?;
+    let (mut touches, arm) = logs::open_undecided(&args.logs, &mut settings, output)?;
     if args.currents {
-        touches.take_for_currents();
+        touches.treat_as_currents();
     }
     touches.measured(&arm, None, &mut settings, output)?;
     let currents = touches.are_currents();
@@ -85,10 +85,10 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 
     let text = text(&found);
     if let Some(path) = &args.output {
-        place::write(path, &arm_file::text(&arm.robot, &found.model, &text))?;
+        file_paths::write(path, &arm_file::text(&arm.robot, &found.model, &text))?;
     }
     if let Some(path) = &args.urdf {
-        place::write(path, &urdf_of(&settings, &arm.robot, &found)?)?;
+        file_paths::write(path, &urdf_of(&settings, &arm.robot, &found)?)?;
     }
     for note in &found.notes {
         output.note(note);

@@ -20,13 +20,13 @@ pub(crate) fn open(
     if_undecided: IfUndecided,
     output: &Output,
 ) -> Result<(Touches, Arc<Arm>), CliError> {
-    let (mut touches, arm) = open_as_logged(logs, settings, output)?;
+    let (mut touches, arm) = open_undecided(logs, settings, output)?;
     touches.external(&arm, settings, if_undecided, output)?;
     Ok((touches, arm))
 }
 
 /// Opens logs and loads their arm, without deciding sign and gravity of the torques.
-pub(crate) fn open_as_logged(
+pub(crate) fn open_undecided(
     logs: &[PathBuf],
     settings: &mut Settings,
     output: &Output,

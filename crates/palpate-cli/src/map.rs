@@ -16,12 +16,12 @@ use palpate_work::{prior, resume};
 use serde_json::json;
 
 use crate::error::CliError;
+use crate::file_paths::FilePaths;
 use crate::object_args::ObjectArgs;
 use crate::output::{Output, mib, rows, seconds};
 use crate::pace::{self, Pace, PaceArgs, PaceFigures};
-use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
-use crate::{interrupt, logs, picture, place};
+use crate::{file_paths, interrupt, logs, picture};
 
 const EXAMPLES: &str = "Examples:
   palpate map recordings/ -o field.npz
@@ -119,7 +119,7 @@ impl Args {
 
     /// Refuses outputs that cannot be written, or would replace an input or another output.
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
-        let mut places = Places::read(&self.settings, settings, &self.logs);
+        let mut places = FilePaths::read(&self.settings, settings, &self.logs);
         places.input("the prior (--prior)", self.prior.as_deref());
         self.object.add_to(&mut places);
         places.output("the field (--output)", Some(&self.output))?;
@@ -149,7 +149,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     args.check_places(&settings)?;
     let format = args.picture.as_deref().map(picture::Format::of).transpose()?;
     interrupt::listen();
-    let _hold = place::hold_field(&args.output)?;
+    let _hold = file_paths::hold_field(&args.output)?;
     let (bodies, _) = args.object.bodies(output)?;
     let mut elastic = (!bodies.is_empty()).then_some(Elastic { bodies, touches: Vec::new() });
     let if_undecided =
@@ -255,7 +255,7 @@ fn save(args: &Args, mut saved: SavedField) -> Result<SavedField, CliError> {
     if args.no_memory {
         (saved.snapshot, saved.elastic_touches) = (None, Vec::new());
     }
-    place::save(&args.output, &saved)?;
+    file_paths::save(&args.output, &saved)?;
     Ok(saved)
 }
 

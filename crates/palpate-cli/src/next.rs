@@ -14,8 +14,8 @@ use palpate_work::touches::{RecordedTouch, Touches};
 
 use crate::args::{corners, number_in};
 use crate::error::CliError;
+use crate::file_paths::{self, FilePaths};
 use crate::output::{Output, table};
-use crate::place::{self, Places};
 use crate::settings::ReadSettings;
 use crate::{csv, interrupt};
 
@@ -88,11 +88,11 @@ enum By {
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
     let logs = [args.candidates.as_slice(), &args.task].concat();
-    let mut places = Places::read(&args.settings, &settings, &logs);
+    let mut places = FilePaths::read(&args.settings, &settings, &logs);
     places.input("the field", Some(&args.field));
     places.output("the motion (--output)", args.output.as_deref())?;
     if let Some(path) = &args.output {
-        place::format_of(path, "file of a motion", &[("csv", ())])?;
+        file_paths::format_of(path, "file of a motion", &[("csv", ())])?;
     }
     interrupt::listen();
     let saved = field::load(&args.field).map_err(CliError::file)?;
@@ -144,7 +144,7 @@ fn write(path: &Path, motion: &RecordedTouch, arm: &Arm) -> Result<(), CliError>
         let time = sample.time_s.filter(|_| timed).map(|time| format!("{time:.6}"));
         time.into_iter().chain(sample.q.iter().map(|q| format!("{q:.9}"))).collect()
     });
-    place::write(path, &csv::text(std::iter::once(head).chain(rows)))
+    file_paths::write(path, &csv::text(std::iter::once(head).chain(rows)))
 }
 
 /// The proposals as text.

@@ -12,8 +12,8 @@ use palpate_work::settings::{named, vector3};
 
 use crate::cloud_args::CloudArgs;
 use crate::error::CliError;
+use crate::file_paths::FilePaths;
 use crate::output::Output;
-use crate::place::Places;
 use crate::settings::Settings;
 
 /// A cloud of the object, or its body.
@@ -53,7 +53,7 @@ impl ObjectArgs {
     }
 
     /// Adds the cloud and the body to the files that are read.
-    pub(crate) fn add_to(&self, places: &mut Places) {
+    pub(crate) fn add_to(&self, places: &mut FilePaths) {
         for cloud in &self.clouds {
             places.input("the cloud (--cloud)", Some(cloud));
         }

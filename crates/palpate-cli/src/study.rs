@@ -11,7 +11,7 @@ use serde_json::json;
 use crate::error::CliError;
 use crate::output::{Output, figure, table};
 use crate::settings::AllSettings;
-use crate::{interrupt, logs, place};
+use crate::{file_paths, interrupt, logs};
 
 const NOTES: &str = "Examples:
   palpate study plant_a/ plant_b/ cushion/ --truth
@@ -86,7 +86,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut names = Vec::new();
     let mut read = Vec::new();
     for object in &args.objects {
-        let mut name = place::last_part(object);
+        let mut name = file_paths::last_part(object);
         make_unique(&mut name, &mut names);
         let mut settings = settings.clone();
         let (touches, arm) = logs::open(

@@ -17,8 +17,8 @@ use serde_json::json;
 
 use crate::args::number_in;
 use crate::error::CliError;
+use crate::file_paths::{self, FilePaths};
 use crate::output::{Output, table};
-use crate::place::{self, Places};
 use crate::settings::{RobotAndLogSettings, Settings, TareFrames};
 use crate::{interrupt, logs};
 
@@ -70,7 +70,7 @@ pub(crate) struct Args {
 /// Computes the external torques and prints what was found.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
-    let mut places = Places::read(&args.settings, &settings, &args.logs);
+    let mut places = FilePaths::read(&args.settings, &settings, &args.logs);
     args.free.iter().for_each(|log| places.log(log));
     places.output("the torques (--output)", args.output.as_deref())?;
     let format = args.output.as_deref().map(format_of).transpose()?;
@@ -135,7 +135,7 @@ fn format_of(path: &Path) -> Result<TorqueFormat, CliError> {
         ("parquet", TorqueFormat::Parquet),
         ("mcap", TorqueFormat::Mcap),
     ];
-    let format = place::format_of(path, "file of torques", &formats)?;
+    let format = file_paths::format_of(path, "file of torques", &formats)?;
     if format == TorqueFormat::Parquet && !cfg!(feature = "full") {
         return Err(CliError::Usage(palpate_io::not_built("Parquet")));
     }
@@ -149,7 +149,7 @@ fn open(
     differentiation: Differentiation,
     output: &Output,
 ) -> Result<(Touches, Arc<Arm>, TorqueModel), CliError> {
-    let (mut touches, arm) = logs::open_as_logged(paths, settings, output)?;
+    let (mut touches, arm) = logs::open_undecided(paths, settings, output)?;
     let model = arm_file::or_urdf(&settings.robot, &arm.robot, output)?;
     touches.measured(&arm, Some((model.clone(), differentiation)), settings, output)?;
     Ok((touches, arm, model.for_differentiation(differentiation)))

@@ -10,10 +10,10 @@ use palpate_work::tune::{Tuning, given, trials, tuned_settings};
 use serde_json::json;
 
 use crate::error::CliError;
+use crate::file_paths::FilePaths;
 use crate::output::{Output, figure, table};
-use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
-use crate::{interrupt, logs, place};
+use crate::{file_paths, interrupt, logs};
 
 const NOTES: &str = "Examples:
   palpate tune recordings/ -o tuned.toml
@@ -55,7 +55,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load_without_body()?;
     settings.config()?;
-    let mut places = Places::read(&args.settings, &settings, &args.logs);
+    let mut places = FilePaths::read(&args.settings, &settings, &args.logs);
     places.output("the settings (--output)", Some(&args.output))?;
     interrupt::listen();
     let (touches, arm) = logs::open(&args.logs, &mut settings, logs::IfUndecided::Refuse, output)?;
@@ -69,7 +69,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         tuned.thorough(args.candidates, output)?
     };
 
-    place::write(&args.output, &toml(&tuned, &settings)?)?;
+    file_paths::write(&args.output, &toml(&tuned, &settings)?)?;
     if args.json {
         output.json(&json!({ "output": args.output, "trials": trials(&tuned) }))
     } else {

@@ -3,19 +3,19 @@
 //! Every format has a module. The content of files is checked here, so that the core may rely on
 //! finite numbers, on lengths that agree, and on no array being larger than its file.
 //!
-//! | module              | reads                                    | writes                  |
-//! |---------------------|------------------------------------------|-------------------------|
-//! | [`log`]             | touches: npy folders, CSV, bags of ROS 2, Parquet | npy folders, CSV, MCAP |
-//! | [`field`]           | a stiffness field: npz                   | the same, VTK images, MCAP |
-//! | [`field::obstacles`] |                                         | boxes (URDF), springs (MuJoCo) |
-//! | [`gltf`]            |                                          | meshes                  |
-//! | [`robot_files`]     | URDF, STL, OBJ, DAE, cached grids        | cached grids            |
-//! | [`cloud`]           | coloured clouds: PLY, PCD                | the same, with more columns |
-//! | [`rgbd`]            | colour and depth images, cameras         |                         |
-//! | [`body`]            | a body that bends: JSON                  | the same, MuJoCo XML    |
-//! | [`torques`]         |                                          | external torques: CSV, Parquet, MCAP |
-//! | [`input`]           | regular files, not pipes or devices      |                         |
-//! | [`atomic`]          |                                          | any file, whole or not at all |
+//! | module               | reads                                             | writes                               |
+//! |----------------------|---------------------------------------------------|--------------------------------------|
+//! | [`log`]              | touches: npy folders, CSV, bags of ROS 2, Parquet | npy folders, CSV, MCAP               |
+//! | [`field`]            | a stiffness field: npz                            | the same, VTK images, MCAP           |
+//! | [`field::obstacles`] |                                                   | boxes (URDF), springs (MuJoCo)       |
+//! | [`gltf`]             |                                                   | meshes                               |
+//! | [`robot_files`]      | URDF, STL, OBJ, DAE, cached grids                 | cached grids                         |
+//! | [`cloud`]            | coloured clouds: PLY, PCD                         | the same, with more columns          |
+//! | [`rgbd`]             | colour and depth images, cameras                  |                                      |
+//! | [`body`]             | a body that bends: JSON                           | the same, MuJoCo XML                 |
+//! | [`torques`]          |                                                   | external torques: CSV, Parquet, MCAP |
+//! | [`input`]            | regular files, not pipes or devices               |                                      |
+//! | [`atomic`]           |                                                   | any file, whole or not at all        |
 //!
 //! Nothing of the method is computed here: [`field`] saves the state of an estimator without interpreting it.
 #![forbid(unsafe_code)]

@@ -7,14 +7,14 @@ use crate::calibrate::PredictedFrame;
 use crate::tracked::{TrackedFrame, TrackedTouches};
 
 /// Estimates of a field for the cells of tracked touches, indexed by row of [`TrackedTouches`].
-pub(crate) struct FieldRows {
+pub(crate) struct FieldEstimates {
     pub(crate) estimates: Vec<CellEstimate>,
     pub(crate) cells: Vec<CellState>,
     /// ρ of the field's bands ([`palpate::Calibration`]); 0 without bands for these joints.
     relative_std: f64,
 }
 
-impl FieldRows {
+impl FieldEstimates {
     /// `untouched_std_n_per_m` is the standard deviation of cells that are not in the field.
     pub(crate) fn of(tracked: &TrackedTouches, field: &Field, untouched_std_n_per_m: f64) -> Self {
         let rows = CellRows::of(field.lattice.clone(), &field.cells);

@@ -4,10 +4,10 @@
 //! the covariance P of the cells would shrink (Eq. 6 of the paper). P is diagonal in the field; from the first motion
 //! on, its correlations are kept. The motions are ranked greedily, each given those before it, by one of
 //!
-//! | criterion | value of a motion c                                   |
-//! |-----------|-------------------------------------------------------|
-//! | variance  | decrease of `tr(H P Hᵀ)` of the task                  |
-//! | information | `½ log det(I + H_c P H_cᵀ / σ²)`, nats               |
+//! | criterion   | value of a motion c                    |
+//! |-------------|----------------------------------------|
+//! | variance    | decrease of `tr(H P Hᵀ)` of the task   |
+//! | information | `½ log det(I + H_c P H_cᵀ / σ²)`, nats |
 //!
 //! Both are computed from the Gram matrix `G = H P Hᵀ` over some frames of all motions (and cells, if the task is a
 //! box): after c it is `G − G_c (G_cc + σ² I)⁻¹ G_cᵀ`. The bound K ≥ 0 is ignored.
@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{LearnError, Stop, unless_stopped};
-use crate::field_rows::FieldRows;
+use crate::field_rows::FieldEstimates;
 use crate::tracked::{TrackedFrame, TrackedTouches};
 
 /// About the most rows of the Gram matrix for frames.
@@ -72,7 +72,7 @@ pub struct Proposal {
 pub struct NextTouch<'a> {
     tracked: &'a TrackedTouches,
     field: &'a Field,
-    rows: FieldRows,
+    rows: FieldEstimates,
     torque_std: f64,
 }
 
@@ -85,7 +85,7 @@ impl<'a> NextTouch<'a> {
         field: &'a Field,
         (untouched_std_n_per_m, torque_std): (f64, f64),
     ) -> Self {
-        let rows = FieldRows::of(tracked, field, untouched_std_n_per_m);
+        let rows = FieldEstimates::of(tracked, field, untouched_std_n_per_m);
         Self { tracked, field, rows, torque_std }
     }
 

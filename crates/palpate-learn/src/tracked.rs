@@ -327,7 +327,7 @@ pub fn largest_torques(
 }
 
 /// A frame that was simulated, before it becomes a [`TrackedFrame`].
-struct Followed {
+struct SimulatedFrame {
     /// Index of the sample in its touch.
     sample: usize,
     unwrapped: Vec<f64>,
@@ -335,7 +335,7 @@ struct Followed {
     external: DVector<f64>,
 }
 
-impl Followed {
+impl SimulatedFrame {
     fn observed(
         self,
         arm: &Arm,
@@ -364,7 +364,7 @@ fn follow(
     (number, touch): (usize, &TouchSamples),
     (first, like, every): (Option<&Vec<f64>>, Option<&[TrackedFrame]>, usize),
     stop: Stop<'_>,
-) -> Result<(Vec<Followed>, Vec<DVector<f64>>), LearnError> {
+) -> Result<(Vec<SimulatedFrame>, Vec<DVector<f64>>), LearnError> {
     let at = |sample, source| LearnError::Sample { touch: number, sample, source };
     let arm = Arc::clone(tracker.arm());
     tracker.begin_touch();
@@ -398,7 +398,7 @@ fn follow(
             }
             if n_frames.is_multiple_of(every) {
                 let unwrapped = unwrapped.clone();
-                frames.push(Followed { sample: index, unwrapped, tracked: frame, external });
+                frames.push(SimulatedFrame { sample: index, unwrapped, tracked: frame, external });
             }
             n_frames += 1;
         } else {
@@ -410,9 +410,9 @@ fn follow(
 }
 
 /// The motion of the arm between successive frames in contact.
-fn in_contact(arm: &Arm, frames: &[Followed], touch: &TouchSamples) -> PathLength {
+fn in_contact(arm: &Arm, frames: &[SimulatedFrame], touch: &TouchSamples) -> PathLength {
     frames.windows(2).fold(PathLength::default(), |sum, pair| {
-        let time_s = |of: &Followed| touch.samples[of.sample].time_s;
+        let time_s = |of: &SimulatedFrame| touch.samples[of.sample].time_s;
         let passed_s = time_s(&pair[1]).zip(time_s(&pair[0])).map(|(now, before)| now - before);
         let touches = pair.iter().all(|frame| !frame.tracked.contacts.is_empty());
         match passed_s.filter(|passed_s| touches && *passed_s > 0.0 && passed_s.is_finite()) {

@@ -19,7 +19,7 @@ use palpate_learn::LearnError;
 use palpate_learn::elastic::ElasticBodyLearner;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::inbox::LatestQueue;
+use crate::latest_queue::LatestQueue;
 use crate::run::MappedSample;
 use crate::session::SessionState;
 use crate::threads::Shared;
@@ -157,7 +157,7 @@ impl LiveElasticBody {
         let (mut recorder, mut bent_s, mut lost) = (Recorder::default(), None::<f64>, 0);
         loop {
             let Some(mapped) = self.mapped.pop(LOOK) else {
-                if shared.goes_on() {
+                if shared.is_running() {
                     continue;
                 }
                 break;
@@ -180,7 +180,7 @@ impl LiveElasticBody {
             let is_due = at_s.zip(bent_s).is_none_or(|(now, last)| now - last >= EVERY_S);
             // A backlog is skipped, and so are the last samples when the session ends.
             let is_late = self.mapped.len() > BACKLOG && !mapped.begins;
-            if in_touch && mapped.is_usable && is_due && !is_late && shared.goes_on() {
+            if in_touch && mapped.is_usable && is_due && !is_late && shared.is_running() {
                 let Ok(poses) = self.arm.robot.forward(&mapped.sample.q) else { continue };
                 bent_s = at_s;
                 on(pool.as_ref(), || now.torque.bend(&poses.world_from_link, at_s));
@@ -217,7 +217,7 @@ impl LiveElasticBody {
             let learner = ElasticBodyLearner::new(&self.arm, &self.config, &learnt.model.bodies());
             (learner, learnt.touches.clone(), learnt.waiting)
         };
-        while shared.goes_on() {
+        while shared.is_running() {
             if new == 0 {
                 let Ok(touch) = self.touches.recv_timeout(LOOK) else { continue };
                 pending.push(touch);
@@ -232,7 +232,7 @@ impl LiveElasticBody {
             lock(&self.learnt).waiting -= left_out;
             new -= left_out;
             learner.forget_all_but(MAX_TOUCHES - pending.len());
-            let stop = || !shared.goes_on();
+            let stop = || !shared.is_running();
             let found =
                 on(pool.as_ref(), || learner.learn(pending.iter().cloned(), (&stop, &|| ())));
             let mut learnt = lock(&self.learnt);
@@ -275,7 +275,7 @@ impl LiveElasticBody {
     /// Reports an error and waits: if the thread returned, the session would end.
     fn wait_for_the_end(&self, shared: &Shared, error: &LearnError) {
         shared.note(format!("the elastic body has stopped learning: {error}"));
-        while shared.goes_on() {
+        while shared.is_running() {
             thread::sleep(LOOK);
         }
     }

@@ -15,9 +15,9 @@ use crate::checkpoint::Checkpoints;
 use crate::cloud;
 use crate::diagnostics;
 use crate::figures::{SessionCounters, SessionFigures, SessionReport};
-use crate::guard::DEAD;
-use crate::inbox::LatestQueue;
+use crate::guard::ALL_ZERO;
 use crate::joints::JointReader;
+use crate::latest_queue::LatestQueue;
 use crate::message::{Header, Stamp};
 use crate::query_server::Request;
 use crate::ros::{Arrival, TorqueMessage};
@@ -105,7 +105,7 @@ impl<'a> Mapping<'a> {
 
     /// Maps until the session is stopped; ends its touch and returns it.
     pub(crate) fn run(mut self) -> Session {
-        while self.shared.goes_on() {
+        while self.shared.is_running() {
             if self.shared.tare.swap(false, Ordering::Relaxed) {
                 self.session.wait();
                 self.shared
@@ -179,7 +179,7 @@ impl<'a> Mapping<'a> {
             self.shared.note(format!("{own_and}: `{called}` is `{own}`, and so on"));
         }
         if self.session.is_dead(&read.sample) {
-            return self.refuse("no torque", DEAD);
+            return self.refuse("no torque", ALL_ZERO);
         }
         let started = Instant::now();
         let sample = match self.session.external(read.sample) {
@@ -223,7 +223,7 @@ impl<'a> Mapping<'a> {
             });
         }
         if let Some(why) =
-            outcome.misread.filter(|_| !std::mem::replace(&mut self.noted_misread, true))
+            outcome.convention_warning.filter(|_| !std::mem::replace(&mut self.noted_misread, true))
         {
             self.shared.note(format!(
                 "sign or gravity of the torques seems to be set wrong: {why} (reported once)"

@@ -4,7 +4,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use crate::inbox::LatestQueue;
+use crate::latest_queue::LatestQueue;
 use crate::message::{DiagnosticArray, PointCloud2, WrenchStamped};
 use crate::ros::{NetworkProcess, ToNetwork, TorqueMessage};
 

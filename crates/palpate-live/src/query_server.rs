@@ -122,7 +122,7 @@ impl QuerySocket {
     pub(crate) fn run(&self, server: &QueryServer<'_>) {
         let askers = &Clients::default();
         thread::scope(|scope| {
-            while server.shared.goes_on() {
+            while server.shared.is_running() {
                 let Ok((stream, _)) = self.listener.accept() else {
                     thread::sleep(ACCEPT);
                     continue;
@@ -241,7 +241,7 @@ fn converse(asker: &Client<'_>, server: &QueryServer<'_>) -> io::Result<()> {
     let longest = MAX_POINTS * server.checker.n_joints() * NUMBER + REST;
     let mut reader = BufReader::new(stream);
     let mut line = Vec::new();
-    while server.shared.goes_on() {
+    while server.shared.is_running() {
         let room = longest.saturating_sub(line.len()) as u64;
         match reader.by_ref().take(room).read_until(b'\n', &mut line) {
             Ok(0) if room == 0 => {
@@ -316,7 +316,7 @@ impl QueryServer<'_> {
                         |_| "the question was not answered, because of a defect of palpate",
                     )?;
                 }
-                Err(RecvTimeoutError::Timeout) if self.shared.goes_on() => {}
+                Err(RecvTimeoutError::Timeout) if self.shared.is_running() => {}
                 Err(_) => return Err("the session has ended".to_owned()),
             }
         }

@@ -21,7 +21,7 @@ use crate::body::LiveElasticBody;
 use crate::checkpoint::{self, CheckpointConfig, Checkpoints};
 use crate::figures::SessionReport;
 use crate::guard::JointStateMonitor;
-use crate::inbox::LatestQueue;
+use crate::latest_queue::LatestQueue;
 use crate::mapping::Mapping;
 use crate::query_server::{QueryServer, QuerySocket};
 use crate::ros::{NetworkError, NetworkProcess};
@@ -92,7 +92,7 @@ pub fn run(
         let ending = EndOnDrop(&shared);
         let mapper = session.mapper();
         let joints = arm.robot.joint_names().map(str::to_owned).collect();
-        let sentry =
+        let monitor =
             guard.map(|guard| JointStateMonitor::new(guard, arm, mapper.config().touch.clone()));
         let checker = mapper.path_checker();
         let (checkpoints, to_write) = config.checkpoint.as_ref().map(Checkpoints::new).unzip();
@@ -109,7 +109,7 @@ pub fn run(
         let heard = (config.joint_states.as_deref(), to_services);
         let mut threads = vec![
             spawn(scope, "publisher", || publish(network, shared)),
-            spawn(scope, "listener", move || listen(network, listener, heard, sentry, shared)),
+            spawn(scope, "listener", move || listen(network, listener, heard, monitor, shared)),
             spawn(scope, "services", move || services.run(network, &asked)),
         ];
         if let (Some(config), Some(to_write)) = (&config.checkpoint, to_write) {

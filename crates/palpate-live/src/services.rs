@@ -13,7 +13,7 @@ use crate::message::{
     TriggerResponse,
 };
 use crate::query_server::{QueryServer, Request as ToMapper};
-use crate::ros::{Asked, NetworkProcess, Request, Response, ToNetwork};
+use crate::ros::{NetworkProcess, PendingRequest, Request, Response, ToNetwork};
 use crate::threads::LOOK;
 
 /// Largest number of requests that wait for an answer.
@@ -33,10 +33,10 @@ pub(crate) struct ServiceAnswerer<'a> {
 
 impl ServiceAnswerer<'_> {
     /// Answers requests until the session ends.
-    pub(crate) fn run(&self, network: &NetworkProcess, asked: &Receiver<Asked>) {
-        while self.queries.shared.goes_on() {
+    pub(crate) fn run(&self, network: &NetworkProcess, asked: &Receiver<PendingRequest>) {
+        while self.queries.shared.is_running() {
             match asked.recv_timeout(LOOK) {
-                Ok(Asked { request, id }) => {
+                Ok(PendingRequest { request, id }) => {
                     let response = match request {
                         Request::Trigger(trigger) => Response::Trigger(trigger, self.save()),
                         Request::Trajectory(request) => {
@@ -69,7 +69,7 @@ impl ServiceAnswerer<'_> {
     fn saved(&self) -> Result<(), String> {
         let (shared, until) = (self.queries.shared, Instant::now() + WRITING);
         let mut number = None;
-        while shared.goes_on() && Instant::now() < until {
+        while shared.is_running() && Instant::now() < until {
             match number {
                 None => {
                     let (to_asker, from_mapper) = bounded(1);

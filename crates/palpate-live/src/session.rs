@@ -19,7 +19,7 @@ use palpate::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::guard::{Guard, are_dead};
+use crate::guard::{Guard, are_all_zero};
 
 /// Largest number of samples of a pause that are used for the first tare, to save time: a pause of a
 /// second may have a thousand. Samples after the pause are used as well.
@@ -79,7 +79,7 @@ pub struct StepOutcome {
     /// Why the sample or its touch could not be followed.
     pub fault: Option<String>,
     /// Report that sign or gravity of the torques seem wrong, with the flags that fit.
-    pub misread: Option<String>,
+    pub convention_warning: Option<String>,
 }
 
 /// Uncertainty of an external torque, and the detected contact.
@@ -209,7 +209,7 @@ impl Session {
             let every = tare.len().div_ceil(TARE_SAMPLES).max(1);
             let tare: Vec<&Sample> = tare.iter().rev().step_by(every).rev().collect();
             self.look_at_reading(&tare);
-            outcome.misread.clone_from(&self.misread);
+            outcome.convention_warning.clone_from(&self.misread);
             match self.is_loaded(&tare) {
                 true => self.wait(), // until the next pause
                 false => self.begin(&tare, &mut outcome),
@@ -297,7 +297,7 @@ impl Session {
     pub fn is_dead(&self, sample: &Sample) -> bool {
         let config = &self.mapper.config().touch;
         let untared = self.identified.is_none().then(|| self.mean_untared(&[sample], config));
-        untared.flatten().is_some_and(|untared| are_dead(&sample.tau, &untared))
+        untared.flatten().is_some_and(|untared| are_all_zero(&sample.tau, &untared))
     }
 
     /// Checks whether the joint positions jump repeatedly.

@@ -11,12 +11,12 @@ use crossbeam_channel::{Sender, TrySendError};
 use crate::checkpoint::Written;
 use crate::figures::SessionReport;
 use crate::guard::{Cause, Guard, JointStateMonitor};
-use crate::inbox::LatestQueue;
+use crate::latest_queue::LatestQueue;
 use crate::message::{AskTrajectoryResponse, JointState, TriggerResponse};
 use crate::outbox::Outbox;
 use crate::ros::{
-    Arrival, Asked, Counts, FromNetwork, Listener, NetworkProcess, Request, Response, ToNetwork,
-    Trigger, choose,
+    Arrival, Counts, FromNetwork, Listener, NetworkProcess, PendingRequest, Request, Response,
+    ToNetwork, Trigger, choose,
 };
 use crate::timer::Timer;
 
@@ -90,7 +90,7 @@ impl Shared {
     }
 
     /// Whether the session was not stopped yet.
-    pub(crate) fn goes_on(&self) -> bool {
+    pub(crate) fn is_running(&self) -> bool {
         !self.stopping.load(Ordering::Relaxed)
     }
 
@@ -173,12 +173,12 @@ impl Shared {
 pub(crate) fn listen(
     network: &NetworkProcess,
     first: Listener<'_>,
-    (topic, to_services): (Option<&str>, Sender<Asked>),
-    sentry: Option<JointStateMonitor>,
+    (topic, to_services): (Option<&str>, Sender<PendingRequest>),
+    monitor: Option<JointStateMonitor>,
     shared: &Shared,
 ) {
     let (patience, notes) = (PATIENT, HashSet::new());
-    let mut hearing = Hearing { network, topic, to_services, sentry, shared, patience, notes };
+    let mut hearing = Hearing { network, topic, to_services, monitor, shared, patience, notes };
     let mut listener = Some(first);
     while !shared.is_over() {
         let started = Instant::now();
@@ -221,8 +221,8 @@ struct Hearing<'a> {
     network: &'a NetworkProcess,
     topic: Option<&'a str>,
     /// Requests for the thread that answers slow requests.
-    to_services: Sender<Asked>,
-    sentry: Option<JointStateMonitor>,
+    to_services: Sender<PendingRequest>,
+    monitor: Option<JointStateMonitor>,
     shared: &'a Shared,
     /// Time without a joint state after which the network process is replaced.
     patience: Duration,
@@ -282,7 +282,7 @@ impl Hearing<'_> {
     }
 
     /// Answers a request at once, or passes it to the thread for slow requests.
-    fn answer(&self, asked: Asked) {
+    fn answer(&self, asked: PendingRequest) {
         const BUSY: &str = "too many requests wait for an answer; try again";
         let id = asked.id;
         let response = match &asked.request {
@@ -294,10 +294,12 @@ impl Hearing<'_> {
             }
             _ => match self.to_services.try_send(asked).map_err(TrySendError::into_inner) {
                 Ok(()) => return,
-                Err(Asked { request: Request::Trigger(trigger), .. }) => Response::Trigger(
-                    trigger,
-                    TriggerResponse { success: false, message: BUSY.to_owned() },
-                ),
+                Err(PendingRequest { request: Request::Trigger(trigger), .. }) => {
+                    Response::Trigger(
+                        trigger,
+                        TriggerResponse { success: false, message: BUSY.to_owned() },
+                    )
+                }
                 Err(_) => Response::Trajectory(Box::new(AskTrajectoryResponse {
                     message: BUSY.to_owned(),
                     ..AskTrajectoryResponse::default()
@@ -308,9 +310,9 @@ impl Hearing<'_> {
     }
 
     fn take(&mut self, message: JointMessage) {
-        if let Some(sentry) = &mut self.sentry {
+        if let Some(monitor) = &mut self.monitor {
             let state = message.state.as_ref().map_err(String::as_str);
-            sentry.see(state, message.at, message.came.at_s);
+            monitor.see(state, message.at, message.came.at_s);
             self.shared.wake_for_flag();
         }
         self.shared.samples.push(message);

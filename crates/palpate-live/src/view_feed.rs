@@ -10,7 +10,7 @@ use nalgebra::DVector;
 use palpate::{Contacts, Field, Mapper, Sample};
 
 use crate::body::{BentBody, LiveElasticBody};
-use crate::inbox::LatestQueue;
+use crate::latest_queue::LatestQueue;
 use crate::session::{SessionState, StepOutcome};
 use crate::timer::Timer;
 

@@ -126,11 +126,11 @@ fn joint_state(arm: &Arm, sample: &Sample) -> JointState {
     }
 }
 
-/// A session with its guard, and the sentry before it.
+/// A session with its guard, and the monitor before it.
 struct Guarded {
     live: Session,
     guard: Guard,
-    sentry: JointStateMonitor,
+    monitor: JointStateMonitor,
     start: Instant,
 }
 
@@ -139,16 +139,16 @@ impl Guarded {
         let guard = Guard::new(GuardConfig::new(limit_n_m), arm);
         let live = session(arm, 0, Some(guard.clone()));
         let config = live.mapper().config().touch.clone();
-        let sentry = JointStateMonitor::new(guard.clone(), Arc::clone(arm), config);
-        Self { live, guard, sentry, start: Instant::now() }
+        let monitor = JointStateMonitor::new(guard.clone(), Arc::clone(arm), config);
+        Self { live, guard, monitor, start: Instant::now() }
     }
 
-    /// Takes a sample at its time; returns the cause after the sentry has checked it, the outcome, and the
+    /// Takes a sample at its time; returns the cause after the monitor has checked it, the outcome, and the
     /// cause after the mapper has taken it.
     fn take(&mut self, sample: &Sample) -> (Option<Cause>, StepOutcome, Option<Cause>) {
         let now = self.start + Duration::from_secs_f64(sample.time_s.unwrap());
         let state = joint_state(self.live.mapper().arm(), sample);
-        self.sentry.see(Ok(&state), now, 0.0);
+        self.monitor.see(Ok(&state), now, 0.0);
         let before = self.guard.cause(now);
         let outcome = self.live.take(sample);
         self.guard.taken(now, false);
@@ -174,7 +174,7 @@ fn the_flag_comes_down_with_the_first_tare_and_the_sentry_raises_it_before_the_m
                 return;
             }
             Some(cause) => panic!("{cause}"),
-            None => assert!(!over, "the sentry missed it"),
+            None => assert!(!over, "the monitor missed it"),
         }
         was_down |= after.is_none();
         assert!(!was_down || robot.live.state() != SessionState::Waiting);
@@ -217,7 +217,8 @@ fn a_session_continues_from_the_field_that_another_one_saved() {
 fn torques_with_the_other_sign_are_reported_at_the_first_pause_and_no_tare_is_taken() {
     let (arm, touches) = (arm(), touches(1));
     let mut guarded = Guarded::new(&arm, 50.0); // more than twice the torque of gravity
-    let misread = |outcomes: Vec<StepOutcome>| outcomes.into_iter().find_map(|own| own.misread);
+    let misread =
+        |outcomes: Vec<StepOutcome>| outcomes.into_iter().find_map(|own| own.convention_warning);
     let negated = |sample: &Sample| {
         let mut sample = sample.clone();
         sample.tau.iter_mut().for_each(|torque| *torque = -*torque);

@@ -48,7 +48,7 @@ pub(crate) fn identify<'py>(
     let found = long(py, progress, |progress| -> Result<_, WorkError> {
         let mut touches = opened(sources, &settings.log)?;
         if currents {
-            touches.take_for_currents();
+            touches.treat_as_currents();
         }
         let (currents, strict) = (touches.are_currents(), settings.log.strict.unwrap_or_default());
         let wanted = IdentifySettings { tool_link, currents, strict };

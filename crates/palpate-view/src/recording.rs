@@ -1,17 +1,17 @@
 //! Records arm, contacts, field and torques for a viewer, sample by sample.
 //!
-//! | entity                      | content                                                    |
-//! |-----------------------------|------------------------------------------------------------|
-//! | `world/arm/<link>`          | the link's shape once, its pose in every sample            |
-//! | `world/contacts/at`         | displaced positions of the drawn contacts, m               |
-//! | `world/contacts/displaced`  | arrows from rest points to displaced positions, to scale   |
-//! | `world/field`               | the drawn cells: K, its standard deviation, touching frames |
-//! | `world/body/…`              | `wood`, `leaves`, `blocks` of an elastic body, as lines    |
-//! | `torque/norm/…`             | norms of `measured`, `predicted` and `error`, N·m          |
-//! | `torque/<joint>/…`          | `measured` and `predicted`, N·m                            |
-//! | `contacts`                  | number of cells touched, drawn or not                      |
-//! | `colours`                   | text that explains the colours of stiffness                |
-//! | `about`, `touches`          | text about the recording; start and name of each touch     |
+//! | entity                     | content                                                     |
+//! |----------------------------|-------------------------------------------------------------|
+//! | `world/arm/<link>`         | the link's shape once, its pose in every sample             |
+//! | `world/contacts/at`        | displaced positions of the drawn contacts, m                |
+//! | `world/contacts/displaced` | arrows from rest points to displaced positions, to scale    |
+//! | `world/field`              | the drawn cells: K, its standard deviation, touching frames |
+//! | `world/body/…`             | `wood`, `leaves`, `blocks` of an elastic body, as lines     |
+//! | `torque/norm/…`            | norms of `measured`, `predicted` and `error`, N·m           |
+//! | `torque/<joint>/…`         | `measured` and `predicted`, N·m                             |
+//! | `contacts`                 | number of cells touched, drawn or not                       |
+//! | `colours`                  | text that explains the colours of stiffness                 |
+//! | `about`, `touches`         | text about the recording; start and name of each touch      |
 //!
 //! Timelines are `sample`, the number of the sample, and `time`, s, where there is a clock.
 //! [`crate::view_model`] decides what is drawn, `blueprint.rs` how it is laid out.

@@ -1,32 +1,32 @@
 //! What the command and the Python package of palpate share.
 //!
-//! | module            | content                                                           |
-//! |-------------------|-------------------------------------------------------------------|
-//! | [`mod@settings`]  | settings from a TOML file and from flags, over the defaults       |
-//! | [`mod@field_arrays`] | a field from arrays of another program                         |
-//! | [`mod@robot`]     | loading the robot that the settings name, with its payload        |
-//! | [`mod@touches`]   | reading logs one after another, with joints in the robot's order  |
-//! | `pauses`          | splitting a log into touches where the arm pauses without contact |
-//! | [`mod@prior`]     | a new mapper, with prior means from a field if one is given       |
-//! | [`mod@resume`]    | a mapper that continues from a saved field                        |
-//! | [`mod@learn`]     | learning touches with a mapper, and a summary of the result       |
-//! | [`mod@predict`]   | predicted and measured torque of every frame, and the error       |
-//! | [`mod@change`]    | whether touches contradict a field, and what has changed          |
-//! | [`mod@forget`]    | removing touches from a field by learning the others again        |
-//! | [`mod@next`]      | ranking motions by how much they would teach                      |
-//! | [`mod@scored`]    | the four error figures of predicted touches                       |
-//! | [`mod@held_joints`] | joints that are not in a log and stand still                    |
-//! | [`mod@elastic`]   | elastic bodies from a cloud and touches                           |
-//! | [`mod@evaluate`]  | methods compared on held-out touches                              |
-//! | [`mod@extrapolate`] | stiffness of untouched cells that a camera saw                  |
-//! | [`mod@tune`]      | settings chosen by cross-validation                               |
-//! | [`mod@study`]     | settings compared over several objects                            |
-//! | [`mod@identify`]  | payload, friction, bias and delay of an arm, from free motion     |
-//! | [`mod@arm_file`]  | the file of an identified arm                                     |
-//! | [`mod@inspect`]   | content of a log, a robot or a field, and what looks wrong with it |
-//! | [`mod@torque`]    | external torques with standard deviations, and contact intervals  |
-//! | [`mod@contact_counts`] | counts of displaced points and cells                              |
-//! | [`mod@quantile`]  | quantiles, extremes and bounding boxes                            |
+//! | module                 | content                                                            |
+//! |------------------------|--------------------------------------------------------------------|
+//! | [`mod@settings`]       | settings from a TOML file and from flags, over the defaults        |
+//! | [`mod@field_arrays`]   | a field from arrays of another program                             |
+//! | [`mod@robot`]          | loading the robot that the settings name, with its payload         |
+//! | [`mod@touches`]        | reading logs one after another, with joints in the robot's order   |
+//! | `pauses`               | splitting a log into touches where the arm pauses without contact  |
+//! | [`mod@prior`]          | a new mapper, with prior means from a field if one is given        |
+//! | [`mod@resume`]         | a mapper that continues from a saved field                         |
+//! | [`mod@learn`]          | learning touches with a mapper, and a summary of the result        |
+//! | [`mod@predict`]        | predicted and measured torque of every frame, and the error        |
+//! | [`mod@change`]         | whether touches contradict a field, and what has changed           |
+//! | [`mod@forget`]         | removing touches from a field by learning the others again         |
+//! | [`mod@next`]           | ranking motions by how much they would teach                       |
+//! | [`mod@scored`]         | the four error figures of predicted touches                        |
+//! | [`mod@held_joints`]    | joints that are not in a log and stand still                       |
+//! | [`mod@elastic`]        | elastic bodies from a cloud and touches                            |
+//! | [`mod@evaluate`]       | methods compared on held-out touches                               |
+//! | [`mod@extrapolate`]    | stiffness of untouched cells that a camera saw                     |
+//! | [`mod@tune`]           | settings chosen by cross-validation                                |
+//! | [`mod@study`]          | settings compared over several objects                             |
+//! | [`mod@identify`]       | payload, friction, bias and delay of an arm, from free motion      |
+//! | [`mod@arm_file`]       | the file of an identified arm                                      |
+//! | [`mod@inspect`]        | content of a log, a robot or a field, and what looks wrong with it |
+//! | [`mod@torque`]         | external torques with standard deviations, and contact intervals   |
+//! | [`mod@contact_counts`] | counts of displaced points and cells                               |
+//! | [`mod@quantile`]       | quantiles, extremes and bounding boxes                             |
 //!
 //! The caller passes a [`Progress`], which receives messages and can stop the work. Nothing here
 //! depends on a terminal, a report page or Python.

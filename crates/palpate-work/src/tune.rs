@@ -313,7 +313,7 @@ fn pick(
 }
 
 /// Indices of touches, given the largest torque of each, N·m, in descending order: those above [`WEAK_N_M`], or above 0
-/// if these are fewer than [`FEWEST`].
+/// if these are fewer than [`MIN_TUNING_TOUCHES`].
 fn strongest_first(torques: &[f64]) -> Vec<usize> {
     let above = |least: f64| (0..torques.len()).filter(move |place| torques[*place] > least);
     let least = if above(WEAK_N_M).count() < MIN_TUNING_TOUCHES { 0.0 } else { WEAK_N_M };

@@ -1,11 +1,11 @@
 //! The paper's filter: an extended Kalman filter over κ with K = |κ| (Eqs. 3 to 6).
 //!
-//! | paper  | here                                            | unit     |
-//! |--------|-------------------------------------------------|----------|
-//! | Eq. 3  | `Kᵢ = abs(κᵢ)`, `κᵢ ~ N(mean, variance)`         | N/m      |
-//! | Eq. 4  | `κᵢ(t+1) = κᵢ(t) + ε`, ε ~ N(0, drift variance)  | N/m      |
-//! | Eq. 5  | `τ = Σ wᵢ abs(κᵢ)` + noise                       | N·m      |
-//! | Eq. 6  | `H = ∂τ/∂κ`, column i is `wᵢ sgn(κᵢ)`            | m²       |
+//! | paper | here                                            | unit |
+//! |-------|-------------------------------------------------|------|
+//! | Eq. 3 | `Kᵢ = abs(κᵢ)`, `κᵢ ~ N(mean, variance)`        | N/m  |
+//! | Eq. 4 | `κᵢ(t+1) = κᵢ(t) + ε`, ε ~ N(0, drift variance) | N/m  |
+//! | Eq. 5 | `τ = Σ wᵢ abs(κᵢ)` + noise                      | N·m  |
+//! | Eq. 6 | `H = ∂τ/∂κ`, column i is `wᵢ sgn(κᵢ)`           | m²   |
 //!
 //! The covariance is diagonal. After each new measurement, past ones (H, τ) drawn at random are fused again by the same
 //! Kalman update, so that the filter does not forget them; H is stored without the sign and signed when replayed. Drift

@@ -45,7 +45,7 @@ fn folded_products_are_those_of_the_lever_matrix() {
     let predicted = frame.predict(&cells, Stiffness::Positive);
     assert!((predicted - &h * &by_contact).amax() < 1e-12);
     let gram = &h * DMatrix::from_diagonal(&by_contact) * h.transpose();
-    assert!((frame.gram(&cells, k) - gram).amax() < 1e-12);
+    assert!((frame.weighted_gram(&cells, k) - gram).amax() < 1e-12);
 
     let m = DMatrix::from_fn(4, 4, |i, j| 1.0 / (1.0 + i as f64 + j as f64));
     let mut contact = 0;

@@ -16,9 +16,9 @@ use palpate_work::held_joints::of_field;
 use palpate_work::robot;
 
 use crate::error::CliError;
+use crate::file_paths;
 use crate::hull::Hulls;
 use crate::output::Output;
-use crate::place;
 use crate::settings::Settings;
 
 /// Frame of the points in a message: the robot's base, by its usual name in ROS.
@@ -70,13 +70,13 @@ impl Conversion<'_> {
             "urdf" => {
                 let boxes = obstacles::boxes(&field).map_err(refused)?;
                 what = format!("{} boxes around {} cells", boxes.len(), field.points.len());
-                place::write(path, &obstacles::urdf(&boxes))
+                file_paths::write(path, &obstacles::urdf(&boxes))
             }
             "xml" => {
                 let springs = obstacles::springs(&field, MAX_SPRINGS).map_err(refused)?;
                 let (count, side_mm) = (springs.points.len(), 2e3 * springs.radius_m);
                 what = format!("{count} points on springs, one for each block of {side_mm:.0} mm,");
-                place::write(path, &obstacles::mujoco_xml(&springs))
+                file_paths::write(path, &obstacles::mujoco_xml(&springs))
             }
             _ => Err(CliError::Usage(format!(
                 "`{}`: a field becomes .npz, .ply, .vti, .mcap, .glb, .urdf or .xml, its elastic body .json \
@@ -196,7 +196,7 @@ fn write_body((input, path): (&Path, &Path), to: &str) -> Result<(), CliError> {
     })?;
     let variant = model.likeliest();
     if to == "json" {
-        return place::write(path, &body::json(&variant.body));
+        return file_paths::write(path, &body::json(&variant.body));
     }
     if variant.stiffness_factors.iter().all(|&factor| factor == 0.0) {
         return Err(CliError::from(format!(
@@ -205,7 +205,7 @@ fn write_body((input, path): (&Path, &Path), to: &str) -> Result<(), CliError> {
             input.display()
         )));
     }
-    place::write(path, &body::mujoco_xml(variant, model.friction))
+    file_paths::write(path, &body::mujoco_xml(variant, model.friction))
 }
 
 fn write_ply(path: &Path, field: &FieldFile) -> Result<(), CliError> {

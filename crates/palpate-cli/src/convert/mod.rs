@@ -10,9 +10,9 @@ use palpate_work::settings::named;
 
 use crate::args::number_in;
 use crate::error::CliError;
+use crate::file_paths::{FilePaths, ending};
 use crate::interrupt;
 use crate::output::Output;
-use crate::place::{Places, ending};
 use crate::settings::ReadSettings;
 
 const NOTES: &str = "Examples:
@@ -62,7 +62,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let settings = args.settings.load()?;
     let to = ending(&args.output);
     let logs = std::slice::from_ref(&args.input);
-    let mut places = Places::read(&args.settings, &settings, logs);
+    let mut places = FilePaths::read(&args.settings, &settings, logs);
     places.input("the input", Some(&args.input));
     if !to.is_empty() {
         places.output("the output", Some(&args.output))?;

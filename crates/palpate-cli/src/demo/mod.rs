@@ -28,11 +28,11 @@ use serde::Serialize;
 use crate::error::CliError;
 use crate::evaluate::{EvaluationSummary, Origin};
 use crate::extrapolate::ExtrapolationSummary;
+use crate::file_paths::Folder;
 use crate::output::Output;
-use crate::place::Folder;
 use crate::settings::sections::{EstimatorSettings, RobotSettings};
 use crate::settings::{Settings, SettingsError};
-use crate::{bundled, evaluate, extrapolate, interrupt, picture, place, predict};
+use crate::{bundled, evaluate, extrapolate, file_paths, interrupt, picture, predict};
 
 const ORIGIN: &str = "The touches are simulated: a Kinova Gen3 pushes into a potted plant in \
                       MuJoCo, an engine\nthat shares nothing with palpate's contact model. No \
@@ -176,8 +176,8 @@ fn extrapolate_all(
     let found = work.run(output)?;
     let summary = ExtrapolationSummary { work: &work, found: &found, truth: None, simulated: true };
     extrapolate::write(&folder.join("seen.ply"), &cloud, &found.extrapolation)?;
-    place::write(&folder.join("fig4.svg"), &summary.picture(None)?)?;
-    place::write(&folder.join("seen.html"), &summary.page()?)
+    file_paths::write(&folder.join("fig4.svg"), &summary.picture(None)?)?;
+    file_paths::write(&folder.join("seen.html"), &summary.page()?)
 }
 
 /// What `--json` prints: the keys of `palpate predict`, and where they come from.
@@ -279,10 +279,10 @@ impl Args {
 
 /// Writes the field and the pictures.
 fn fill(folder: &Path, saved: &SavedField, results: &[TouchResult]) -> Result<(), CliError> {
-    place::write(
+    file_paths::write(
         &folder.join("torques.svg"),
         &picture::torques(results, ReferenceTorque::Measured)?,
     )?;
-    place::write(&folder.join("field.svg"), &picture::field(&saved.field)?)?;
+    file_paths::write(&folder.join("field.svg"), &picture::field(&saved.field)?)?;
     field::save(&folder.join("field.npz"), saved).map_err(CliError::file)
 }

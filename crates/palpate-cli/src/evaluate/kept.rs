@@ -20,7 +20,7 @@ use palpate_work::evaluate::{EvaluationJob, ResultStore};
 
 use crate::error::CliError;
 use crate::output::Output;
-use crate::{place, program};
+use crate::{file_paths, program};
 
 /// The folder of the pieces.
 pub(super) struct Kept {
@@ -110,7 +110,7 @@ impl Kept {
         let piece = serde_json::to_string(piece).map_err(CliError::file)?;
         let sealed = Sealed::new(&self.key, piece);
         let text = serde_json::to_string(&sealed).map_err(CliError::file)?;
-        place::write(&self.folder.join(format!("{name}.json")), &text)
+        file_paths::write(&self.folder.join(format!("{name}.json")), &text)
     }
 
     /// Removes all pieces, and no other file of the folder.

@@ -21,12 +21,12 @@ use palpate_work::evaluate::{
 use palpate_work::tune::{Tune, given};
 
 use crate::error::CliError;
+use crate::file_paths::Folder;
 use crate::object_args::ObjectArgs;
 use crate::output::Output;
-use crate::place::Folder;
 use crate::report::{Page, Report, Scene, errors_csv};
 use crate::settings::{AllSettings, Settings};
-use crate::{csv, interrupt, logs, picture, place};
+use crate::{csv, file_paths, interrupt, logs, picture};
 
 use kept::Kept;
 pub(crate) use summary::EvaluationSummary;
@@ -218,7 +218,7 @@ fn write_report(
     let cloud = origin.cloud.as_ref();
     let scene = Some(scene.bending((arm, field), evaluation, cloud, output)?);
     let report = Report { page, evaluation, scene };
-    let write = |name: &str, text: &str| place::write(&folder.join(name), text);
+    let write = |name: &str, text: &str| file_paths::write(&folder.join(name), text);
     let figures = folder.join("figures");
     let what = format!("the folder `{}`", figures.display());
     std::fs::create_dir_all(&figures).map_err(|source| CliError::Write { what, source })?;

@@ -23,11 +23,11 @@ use palpate_work::{held_joints, robot};
 use crate::args::number_in;
 use crate::cloud_args::CloudArgs;
 use crate::error::CliError;
+use crate::file_paths::{FilePaths, entries};
 use crate::output::Output;
 use crate::picture::Format;
-use crate::place::{Places, entries};
 use crate::settings::{RobotOnlySettings, Settings};
-use crate::{interrupt, logs, place};
+use crate::{file_paths, interrupt, logs};
 
 pub(crate) use summary::ExtrapolationSummary;
 
@@ -174,7 +174,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         format.write(path, drawing)?;
     }
     if let (Some(path), Some(page)) = (&args.report, &page) {
-        place::write(path, page)?;
+        file_paths::write(path, page)?;
     }
     let (files, elapsed) = ((args.output.as_path(), args.field.as_deref()), started.elapsed());
     if args.json {
@@ -199,14 +199,14 @@ impl Ending {
     /// The format that belongs to a file's ending.
     fn of(path: &Path) -> Result<Self, CliError> {
         let formats = [("npz", Self::Npz), ("ply", Self::Ply), ("pcd", Self::Pcd)];
-        place::format_of(path, "cloud", &formats)
+        file_paths::format_of(path, "cloud", &formats)
     }
 }
 
 impl Args {
     /// Refuses outputs that cannot be written, or would replace an input or another output.
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
-        let mut places = Places::read(&self.settings, settings, &[]);
+        let mut places = FilePaths::read(&self.settings, settings, &[]);
         places.input("the field", Some(&self.from));
         places.input("the cloud", Some(&self.cloud));
         for folder in [Some(&self.cloud), Some(&self.cloud.join("rgbd")), self.truth.as_ref()] {

@@ -15,9 +15,9 @@ use serde_json::{Value, json};
 
 use crate::error::CliError;
 use crate::extrapolation_view::{ExtrapolationView, Table};
+use crate::file_paths::last_part;
 use crate::output::{figure, rows, seconds, table};
 use crate::picture;
-use crate::place::last_part;
 use crate::report::{ExtrapolationPage, Page, Scene};
 use palpate_work::quantile::quantile;
 

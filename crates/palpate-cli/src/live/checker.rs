@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use palpate::{Mapper, Sample};
 use palpate_io::log::AngleUnit;
 use palpate_live::MappedSample;
-use palpate_live::inbox::LatestQueue;
+use palpate_live::latest_queue::LatestQueue;
 use palpate_live::session::SessionState;
 use palpate_work::inspect::log::LogCheck;
 

@@ -31,13 +31,13 @@ use tempfile::NamedTempFile;
 
 use crate::args::number_in;
 use crate::error::CliError;
+use crate::file_paths::FilePaths;
 use crate::object_args::ObjectArgs;
 use crate::output::{Output, complain};
-use crate::place::Places;
 use crate::settings::{AllSettings, Settings};
 #[cfg(not(feature = "viewer"))]
 use crate::view;
-use crate::{interrupt, logs, place, program};
+use crate::{file_paths, interrupt, logs, program};
 use checker::Checker;
 use reporter::Reporter;
 use status::Shown;
@@ -183,7 +183,7 @@ impl Args {
     /// that was learnt before.
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
         self.names()?;
-        let mut places = Places::read(&self.settings, settings, &[]);
+        let mut places = FilePaths::read(&self.settings, settings, &[]);
         places.input("the prior (--prior)", self.prior.as_deref());
         self.object.add_to(&mut places);
         places.output("the field (--output)", self.output.as_deref())?;
@@ -454,7 +454,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     interrupt::listen(); // from here on, temporary files are made and deleted
     args.check_places(&settings)?;
     let description = args.description(&mut settings, output)?;
-    let hold = args.output.as_deref().map(place::hold_field).transpose()?;
+    let hold = args.output.as_deref().map(file_paths::hold_field).transpose()?;
     let arm = robot::load(&settings.robot, output)?;
     drop(description);
     let identified = args.identified(&arm, &settings, output)?;
@@ -517,7 +517,7 @@ fn save(
 ) -> Result<(), CliError> {
     let mut saved = SavedField::of_mapper(session.mapper());
     body.inspect(|body| body.put_into(&mut saved));
-    place::save(path, &saved)?;
+    file_paths::save(path, &saved)?;
     if let Some(waiting) = body.map(LiveElasticBody::waiting).filter(|waiting| *waiting > 0) {
         let path = path.display();
         shown.show(SessionReport::Note(format!(

@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::sync::Arc;
 
-use palpate_live::inbox::LatestQueue;
+use palpate_live::latest_queue::LatestQueue;
 use palpate_live::{MappedSample, SessionReport};
 
 use super::checker::Checker;

@@ -7,7 +7,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use palpate::{Arm, Lattice};
-use palpate_live::inbox::LatestQueue;
+use palpate_live::latest_queue::LatestQueue;
 use palpate_live::view_feed::{ViewContent, ViewFrame, WAITING};
 use palpate_view::{DrawnSample, Recording, SampleTorque, Scene, ViewError};
 

@@ -7,7 +7,7 @@
 use std::path::Path;
 
 use crate::error::CliError;
-use crate::place;
+use crate::file_paths;
 
 /// Pixels of a PNG per pixel of the SVG, along each side.
 #[cfg(feature = "full")]
@@ -23,7 +23,8 @@ pub(crate) enum Format {
 impl Format {
     /// The format that belongs to a file's ending.
     pub(crate) fn of(path: &Path) -> Result<Self, CliError> {
-        let format = place::format_of(path, "picture", &[("svg", Self::Svg), ("png", Self::Png)])?;
+        let format =
+            file_paths::format_of(path, "picture", &[("svg", Self::Svg), ("png", Self::Png)])?;
         if format == Self::Png && !cfg!(feature = "full") {
             return Err(CliError::Usage(palpate_io::not_built("pictures as PNG")));
         }
@@ -33,9 +34,9 @@ impl Format {
     /// Writes a picture that was drawn as SVG, whole or not at all.
     pub(crate) fn write(self, path: &Path, svg: &str) -> Result<(), CliError> {
         match self {
-            Self::Svg => place::write(path, svg),
+            Self::Svg => file_paths::write(path, svg),
             #[cfg(feature = "full")]
-            Self::Png => place::write(path, &png(svg)?),
+            Self::Png => file_paths::write(path, &png(svg)?),
             #[cfg(not(feature = "full"))]
             Self::Png => Err(palpate_io::not_built("pictures as PNG").into()),
         }

@@ -10,7 +10,7 @@ use palpate_work::evaluate::make_unique;
 use palpate_work::predict::{FrameResult, TouchResult};
 
 use crate::error::CliError;
-use crate::{csv, place};
+use crate::{csv, file_paths};
 
 /// Format of a file of torques.
 #[derive(Debug, Clone, Copy)]
@@ -24,7 +24,7 @@ pub(super) enum Format {
 impl Format {
     /// The format that belongs to a file's ending.
     pub(super) fn of(path: &Path) -> Result<Self, CliError> {
-        place::format_of(path, "table of torques", &[("csv", Self::Csv), ("npz", Self::Npz)])
+        file_paths::format_of(path, "table of torques", &[("csv", Self::Csv), ("npz", Self::Npz)])
     }
 
     /// Writes the file, whole or not at all.
@@ -35,7 +35,7 @@ impl Format {
         field: &Field,
     ) -> Result<(), CliError> {
         match self {
-            Self::Csv => place::write(path, &table(results, field)),
+            Self::Csv => file_paths::write(path, &table(results, field)),
             Self::Npz => write_npz(path, &npz(results, field)).map_err(CliError::file),
         }
     }

@@ -17,8 +17,8 @@ use palpate_work::scored::{PredictionReport, report_oddities};
 use palpate_work::touches::Touches;
 
 use crate::error::CliError;
+use crate::file_paths::FilePaths;
 use crate::output::Output;
-use crate::place::Places;
 use crate::settings::{RobotAndLogSettings, Settings};
 use crate::{interrupt, logs, picture};
 
@@ -71,7 +71,7 @@ pub(crate) struct Args {
 impl Args {
     /// Refuses outputs that cannot be written, or would replace an input or another output.
     fn check_places(&self, settings: &Settings) -> Result<(), CliError> {
-        let mut places = Places::read(&self.settings, settings, &self.logs);
+        let mut places = FilePaths::read(&self.settings, settings, &self.logs);
         places.input("the field", Some(&self.field));
         places.output("the torques (--output)", self.output.as_deref())?;
         places.output("the picture (--picture)", self.picture.as_deref())

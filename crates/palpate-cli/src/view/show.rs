@@ -11,9 +11,9 @@ use palpate_work::touches::Touches;
 use serde_json::json;
 
 use crate::error::CliError;
+use crate::file_paths::{self, FilePaths, last_part};
 use crate::hull::Hulls;
 use crate::output::Output;
-use crate::place::{self, Places, last_part};
 use crate::settings::{Settings, SettingsError};
 use crate::{interrupt, logs};
 
@@ -53,10 +53,10 @@ impl Args {
     /// Refuses an output that cannot be written, or is one of the inputs.
     fn check_places(&self, named: &Named<'_>, settings: &Settings) -> Result<(), CliError> {
         let Some(path) = &self.save else { return Ok(()) };
-        let mut places = Places::read(&self.settings, settings, &named.logs);
+        let mut places = FilePaths::read(&self.settings, settings, &named.logs);
         places.input("the field", named.field);
         places.output("the recording (--save)", Some(path))?;
-        place::format_of(path, "recording", &[("rrd", ())])
+        file_paths::format_of(path, "recording", &[("rrd", ())])
     }
 }
 

@@ -105,7 +105,7 @@ fn point_at(
         return Err(|dropped| &mut dropped.flying);
     }
     let ray = camera.intrinsics.ray([f64::from(u), f64::from(v)]);
-    let ray = ray.ok_or::<Reason>(|dropped| &mut dropped.beyond_lens)?;
+    let ray = ray.ok_or::<Reason>(|dropped| &mut dropped.outside_lens_model)?;
     let point = camera.world_from_camera * Point3::from(ray * z);
     if let Some([low, high]) = config.crop
         && !(0..3).all(|axis| (low[axis]..=high[axis]).contains(&point[axis]))

@@ -1,12 +1,12 @@
 //! Reads cameras from text: JSON of palpate's data and of Open3D, YAML of ROS.
 //!
-//! | format                        | matrix                                   | pose                       |
-//! |-------------------------------|------------------------------------------|----------------------------|
-//! | palpate                       | `fx fy cx cy`, or `K` by rows            | `camera_to_world` by rows  |
-//! | Open3D, intrinsic             | `intrinsic_matrix` by columns            |                            |
-//! | Open3D, parameters            | the same in `intrinsic`                  | `extrinsic` by columns: camera from world |
-//! | ROS, `camera_calibration`     | `camera_matrix.data` by rows             |                            |
-//! | ROS, message                  | `k` or `K` by rows                       |                            |
+//! | format                    | matrix                        | pose                                      |
+//! |---------------------------|-------------------------------|-------------------------------------------|
+//! | palpate                   | `fx fy cx cy`, or `K` by rows | `camera_to_world` by rows                 |
+//! | Open3D, intrinsic         | `intrinsic_matrix` by columns |                                           |
+//! | Open3D, parameters        | the same in `intrinsic`       | `extrinsic` by columns: camera from world |
+//! | ROS, `camera_calibration` | `camera_matrix.data` by rows  |                                           |
+//! | ROS, message              | `k` or `K` by rows            |                                           |
 //!
 //! All of them are parsed to a tree, whose keys show the format. ROS's `K` and `D` describe the raw
 //! image; for a rectified one (`image_rect`) the coefficients must be zero.

@@ -12,18 +12,18 @@ pub struct DroppedPixels {
     /// Flying between an object and its background.
     pub flying: usize,
     /// Where the lens model has no inverse.
-    pub beyond_lens: usize,
+    pub outside_lens_model: usize,
     /// Outside of the crop box.
     pub outside_box: usize,
 }
 
 impl fmt::Display for DroppedPixels {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { without_depth, out_of_range, flying, beyond_lens, outside_box } = self;
+        let Self { without_depth, out_of_range, flying, outside_lens_model, outside_box } = self;
         write!(
             out,
             "{without_depth} have no depth, {out_of_range} are out of range, {flying} fly \
-             between object and background, {beyond_lens} are where the lens model has no \
+             between object and background, {outside_lens_model} are where the lens model has no \
              inverse, {outside_box} are outside of the box"
         )
     }
@@ -36,7 +36,7 @@ impl DroppedPixels {
             (self.without_depth, "look at the depth image: it may be the wrong file"),
             (self.out_of_range, "widen the depth range"),
             (self.outside_box, "widen the box, or look at the camera's pose"),
-            (self.beyond_lens, "look at the distortion coefficients"),
+            (self.outside_lens_model, "look at the distortion coefficients"),
             (
                 self.flying,
                 "the depth is too noisy to distinguish edges from objects; keep the flying pixels",

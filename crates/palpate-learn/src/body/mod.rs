@@ -1,18 +1,18 @@
 //! Elastic bodies from coloured clouds: stems, branches and leaves of a plant, or a cushion.
 //!
-//! | file       | does                                                                             |
-//! |------------|----------------------------------------------------------------------------------|
-//! | `blocks`   | a cushion: blocks under the seen surface                                          |
-//! | `wood`     | separates wood from leaves by colour and shape                                    |
-//! | `otsu`     | the threshold between two classes of numbers                                      |
-//! | `skeleton` | level sets of the distance from the root; joins pieces across gaps                |
-//! | `tubes`    | axis and radius of each branch: from the seen width, then by least squares         |
-//! | `fit`      | the least squares of one branch                                                    |
-//! | `radii`    | regularises radii towards the common taper of branches of the same order           |
-//! | `leaves`   | flat patches, attached to the nearest wood                                        |
-//! | `explained` | the share of the cloud that a body does not explain                            |
-//! | `view`     | viewpoints of the cameras, and the space that they saw to be free                  |
-//! | `graph`    | neighbours, connected components, distances along a surface                        |
+//! | file        | does                                                                       |
+//! |-------------|----------------------------------------------------------------------------|
+//! | `blocks`    | a cushion: blocks under the seen surface                                   |
+//! | `wood`      | separates wood from leaves by colour and shape                             |
+//! | `otsu`      | the threshold between two classes of numbers                               |
+//! | `skeleton`  | level sets of the distance from the root; joins pieces across gaps         |
+//! | `tubes`     | axis and radius of each branch: from the seen width, then by least squares |
+//! | `fit`       | the least squares of one branch                                            |
+//! | `radii`     | regularises radii towards the common taper of branches of the same order   |
+//! | `leaves`    | flat patches, attached to the nearest wood                                 |
+//! | `explained` | the share of the cloud that a body does not explain                        |
+//! | `view`      | viewpoints of the cameras, and the space that they saw to be free          |
+//! | `graph`     | neighbours, connected components, distances along a surface                |
 //!
 //! Only surfaces that face a camera are seen; hidden parts, and wood with the colour of leaves, are
 //! missed. If stems, branches and leaves leave much of the cloud unexplained, it shows a cushion.

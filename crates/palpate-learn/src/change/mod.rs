@@ -6,11 +6,11 @@
 //! unchanged touch in eighty exceeds, if logarithms of misfits are normally distributed. The change is the simplest of
 //! these that explains most of the error beyond sensor noise:
 //!
-//! | change   | explanation                                                        | file         |
-//! |----------|--------------------------------------------------------------------|--------------|
-//! | moved    | the field, shifted and turned about the vertical                   | [`moved`]    |
-//! | softer, harder | the field's torques times one factor, in the touches that contradict it | this |
-//! | other    | neither                                                            |              |
+//! | change         | explanation                                                             | file      |
+//! |----------------|-------------------------------------------------------------------------|-----------|
+//! | moved          | the field, shifted and turned about the vertical                        | [`moved`] |
+//! | softer, harder | the field's torques times one factor, in the touches that contradict it | this      |
+//! | other          | neither                                                                 |           |
 //!
 //! A touch that repeats a learnt one (`repeated`) contradicts it if its torques differ from the earlier ones by more
 //! than a quarter and by more than noise, however well the field predicts either. The difference is explained by a
@@ -30,7 +30,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::calibrate::{PredictedFrame, misfit};
 use crate::error::{LearnError, Stop};
-use crate::field_rows::FieldRows;
+use crate::field_rows::FieldEstimates;
 use crate::tracked::{TrackedFrame, TrackedTouch, TrackedTouches};
 use moved::{ObjectMotion, Sampler, Wanted};
 use repeated::{Learnt, Repeated};
@@ -174,7 +174,7 @@ struct Beside<'a> {
     tracked: &'a TrackedTouches,
     calibration: &'a Calibration,
     sampler: Sampler,
-    rows: FieldRows,
+    rows: FieldEstimates,
     /// Predictions of the field for the frames in contact, by touch.
     predicted: Vec<Vec<PredictedFrame>>,
     /// The learnt touch that each touch repeats, if any.
@@ -183,7 +183,7 @@ struct Beside<'a> {
 
 impl<'a> Beside<'a> {
     fn of(tracked: &'a TrackedTouches, field: &Field, calibration: &'a Calibration) -> Self {
-        let rows = FieldRows::of(tracked, field, calibration.untouched_std_n_per_m);
+        let rows = FieldEstimates::of(tracked, field, calibration.untouched_std_n_per_m);
         let of =
             |touch: &TrackedTouch| touch.in_contact().map(|frame| rows.predicted(frame)).collect();
         let predicted = tracked.touches.iter().map(of).collect();

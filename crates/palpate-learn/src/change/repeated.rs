@@ -17,7 +17,7 @@ use palpate::{Arm, Field};
 
 use crate::calibrate::PredictedFrame;
 use crate::error::{LearnError, Stop, unless_stopped};
-use crate::field_rows::FieldRows;
+use crate::field_rows::FieldEstimates;
 use crate::tracked::{TrackedFrame, TrackedTouch, TrackedTouches};
 
 use super::moved::ObjectMotion;
@@ -52,7 +52,7 @@ impl ContactPoint {
         arm: &Arm,
         touch: &TrackedTouch,
         tracked: &TrackedTouches,
-        rows: &FieldRows,
+        rows: &FieldEstimates,
     ) -> Option<Self> {
         let torque = |frame: &TrackedFrame| frame.observation.tau().norm();
         let most = touch.in_contact().max_by(|a, b| torque(a).total_cmp(&torque(b)))?;
@@ -126,7 +126,7 @@ impl Learnt {
         field: &Field,
         untouched_std_n_per_m: f64,
     ) -> Self {
-        let rows = FieldRows::of(tracked, field, untouched_std_n_per_m);
+        let rows = FieldEstimates::of(tracked, field, untouched_std_n_per_m);
         let of = |touch: &TrackedTouch| {
             let some: Vec<&TrackedFrame> =
                 touch.frames.iter().step_by(every(touch.frames.len())).collect();

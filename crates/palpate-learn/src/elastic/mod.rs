@@ -12,11 +12,11 @@
 //! the training touches, each predicted before it was learnt. So the result is not much worse than the
 //! best of the three, also on a touch that is unlike the training touches.
 //!
-//! | file        | does                                                                  |
-//! |-------------|-----------------------------------------------------------------------|
-//! | `learner`   | learns touches one by one                                              |
+//! | file        | does                                                                    |
+//! |-------------|-------------------------------------------------------------------------|
+//! | `learner`   | learns touches one by one                                               |
 //! | `simulated` | simulates the torques of the bodies along all touches, for each contact |
-//! | `stiffness` | fits contact and stiffness to training touches                         |
+//! | `stiffness` | fits contact and stiffness to training touches                          |
 
 mod learner;
 mod simulated;

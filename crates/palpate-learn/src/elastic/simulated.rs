@@ -17,7 +17,7 @@ pub const CONTACT_CANDIDATES: [[f64; 2]; 6] =
 /// Torques by touch and frame of [`TrackedTouches`]: n_joints × trees of the body, N·m at a stiffness factor of 1.
 pub(super) type Simulated = Vec<Vec<DMatrix<f64>>>;
 
-/// Index in [`CONTACTS`] of the contact that is assumed before any touch.
+/// Index in [`CONTACT_CANDIDATES`] of the contact that is assumed before any touch.
 pub(super) const UNTOUCHED: usize = 4;
 
 /// Torque of an object's bodies along every touch.
@@ -25,7 +25,7 @@ pub(super) const UNTOUCHED: usize = 4;
 pub(crate) struct BodyTorques {
     /// The bodies, the most likely first.
     pub(super) bodies: Vec<Arc<ElasticBody>>,
-    /// By contact ([`CONTACTS`]) and body. The first body is simulated with each contact, the others only
+    /// By contact ([`CONTACT_CANDIDATES`]) and body. The first body is simulated with each contact, the others only
     /// with those that training touches choose.
     simulated: Vec<Vec<Simulated>>,
     /// Convergence of the simulations so far.

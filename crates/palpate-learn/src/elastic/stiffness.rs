@@ -39,7 +39,7 @@ const PRIOR_WEIGHT: f64 = 0.2;
 /// Contact and stiffness of an object's bodies, fitted to training touches.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ElasticParameters {
-    /// Index in [`CONTACTS`].
+    /// Index in [`CONTACT_CANDIDATES`].
     contact: usize,
     /// By body.
     shares: Vec<Share>,

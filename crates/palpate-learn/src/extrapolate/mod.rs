@@ -3,11 +3,11 @@
 //! A few touches and one coloured cloud give a stiffness for every seen point: points that look
 //! alike are assumed to be equally stiff. There are three methods; the first is the default:
 //!
-//! | [`ExtrapolationMethod`] | regression of                                | on                              |
-//! |------------|----------------------------------------------|---------------------------------|
-//! | `torque`   | stiffness over features, by Gaussian process | the torques themselves          |
-//! | `cells`    | the same                                     | stiffness of touched cells      |
-//! | `knn`      | the paper's: k nearest, RBF weights          | stiffness of touched points     |
+//! | [`ExtrapolationMethod`] | regression of                                | on                          |
+//! |-------------------------|----------------------------------------------|-----------------------------|
+//! | `torque`                | stiffness over features, by Gaussian process | the torques themselves      |
+//! | `cells`                 | the same                                     | stiffness of touched cells  |
+//! | `knn`                   | the paper's: k nearest, RBF weights          | stiffness of touched points |
 //!
 //! All three return the stiffness of a cell of the [`palpate::Field`]'s lattice. So
 //! [`Extrapolation::cells`] gives prior means for untouched cells. [`mod@compare`] evaluates such a

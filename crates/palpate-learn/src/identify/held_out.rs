@@ -42,7 +42,7 @@ pub(super) struct Found {
 }
 
 /// A held-out sample with its residuals, N·m by joint.
-pub(super) struct Left {
+pub(super) struct HeldOutSample {
     time_s: f64,
     /// Index of the sample in its touch.
     pub(super) row: usize,
@@ -53,7 +53,7 @@ pub(super) struct Left {
 }
 
 /// Selects one of the residuals of a held-out sample.
-pub(super) type Of = fn(&Left) -> &Vec<f64>;
+pub(super) type Of = fn(&HeldOutSample) -> &Vec<f64>;
 
 /// Half windows that are tried for causal differentiation (on a running robot), s.
 const CAUSAL_WINDOWS_S: [f64; 5] = [0.05, 0.1, 0.15, 0.25, 0.4];
@@ -81,10 +81,10 @@ pub(super) fn of(
         settings.touched.iter().enumerate().map(left).collect::<Result<Vec<_>, _>>()
     };
     let n = robot.n_joints();
-    let noise = |left: &[Vec<Left>]| (0..n).map(|j| noise_of(left, j)).collect();
+    let noise = |left: &[Vec<HeldOutSample>]| (0..n).map(|j| noise_of(left, j)).collect();
     let mut left = read(&models, Differentiation::Centred)?;
     // For each fold, ripple learned from the other folds; the last entry from all.
-    let samples: Vec<RippleSample> = left.iter().flatten().map(Left::for_ripple).collect();
+    let samples: Vec<RippleSample> = left.iter().flatten().map(HeldOutSample::for_ripple).collect();
     unless_stopped()?;
     let ripples = ripple::find(&samples);
     take_off(&mut left, &ripples);
@@ -112,7 +112,7 @@ pub(super) fn of(
 
     let urdf = TorqueModel { window_s: settings.window_s, ..TorqueModel::of_urdf(robot) };
     let of_urdf = read(&vec![Some(urdf); FOLDS], Differentiation::Centred)?;
-    let each: [(&[Vec<Left>], Of); 3] = [
+    let each: [(&[Vec<HeldOutSample>], Of); 3] = [
         (&left, |left| &left.gravity),
         (&of_urdf, |left| &left.identified),
         (&left, |left| &left.identified),
@@ -142,7 +142,7 @@ fn of_differentiation<'a>(
     }
 }
 
-impl Left {
+impl HeldOutSample {
     fn for_ripple(&self) -> RippleSample {
         let of = |of: fn(&NoiseFactors) -> f64| self.factors.iter().map(of).collect();
         RippleSample {
@@ -155,7 +155,7 @@ impl Left {
 }
 
 /// Subtracts ripple from the residual.
-fn take_off(left: &mut [Vec<Left>], ripples: &[Vec<Vec<Ripple>>; FOLDS + 1]) {
+fn take_off(left: &mut [Vec<HeldOutSample>], ripples: &[Vec<Vec<Ripple>>; FOLDS + 1]) {
     for left in left.iter_mut().flatten() {
         let mut sample = left.for_ripple();
         sample.take_off(&ripples[left.fold]);
@@ -170,7 +170,7 @@ fn left_of(
     torques: &ExternalTorqueConfig,
     models: &[Option<TorqueModel>],
     differentiation: Differentiation,
-) -> Result<Vec<Left>, IdentifyError> {
+) -> Result<Vec<HeldOutSample>, IdentifyError> {
     let samples = touches[touch];
     let times = TouchMotion::of(robot, samples, vec![0.0; robot.n_joints()]);
     let time = |k: usize| times.times_s()[k];
@@ -188,7 +188,7 @@ fn left_of(
         {
             let sample = &samples[k];
             let poses = robot.forward(&sample.q).map_err(palpate::TrackerError::from)?;
-            left.push(Left {
+            left.push(HeldOutSample {
                 time_s: time(k),
                 row: k,
                 fold: number,
@@ -203,7 +203,11 @@ fn left_of(
 }
 
 /// Root mean square of residuals that are averaged over windows of `2 · half_s` around each sample.
-fn root_mean_square(left: &[Vec<Left>], of: impl Fn(&Left) -> f64, half_s: f64) -> f64 {
+fn root_mean_square(
+    left: &[Vec<HeldOutSample>],
+    of: impl Fn(&HeldOutSample) -> f64,
+    half_s: f64,
+) -> f64 {
     let (mut squares, mut count) = (0.0, 0.0);
     for touch in left {
         let (mut from, mut to, mut sum) = (0, 0, 0.0);
@@ -225,13 +229,13 @@ fn root_mean_square(left: &[Vec<Left>], of: impl Fn(&Left) -> f64, half_s: f64) 
 
 /// Noise of a joint: its variance is a non-negative sum of parts, fitted by maximum likelihood for Gaussian noise, as
 /// iteratively reweighted least squares on the squared residuals.
-fn noise_of(left: &[Vec<Left>], j: usize) -> TorqueNoise {
-    let parts = |left: &Left| {
+fn noise_of(left: &[Vec<HeldOutSample>], j: usize) -> TorqueNoise {
+    let parts = |left: &HeldOutSample| {
         let factors = &left.factors[j];
         [1.0, factors.turning.powi(2), factors.speed.powi(2), factors.inertia.powi(2)]
     };
-    let square = |left: &Left| left.identified[j].powi(2);
-    let at_end = |left: &Left| left.factors[j].at_end.powi(2);
+    let square = |left: &HeldOutSample| left.identified[j].powi(2);
+    let at_end = |left: &HeldOutSample| left.factors[j].at_end.powi(2);
     let samples: Vec<([f64; 4], f64, f64)> =
         left.iter().flatten().map(|left| (parts(left), square(left), at_end(left))).collect();
     if samples.is_empty() {
@@ -269,8 +273,8 @@ fn noise_of(left: &[Vec<Left>], j: usize) -> TorqueNoise {
 }
 
 /// The alarm, from the largest |torque| over its standard deviation in each second of held-out motion.
-fn alarm_of(left: &[Vec<Left>], noise: &[TorqueNoise]) -> Option<FalseAlarmModel> {
-    let statistic = |left: &Left| {
+fn alarm_of(left: &[Vec<HeldOutSample>], noise: &[TorqueNoise]) -> Option<FalseAlarmModel> {
+    let statistic = |left: &HeldOutSample| {
         let std = noise.iter().zip(&left.factors).map(|(noise, factors)| factors.std(noise));
         let torque = ExternalTorque {
             torque: left.identified.clone().into(),

@@ -8,18 +8,18 @@
 //! Presliding distance and window are searched over a few values. Samples in which something seems to be touched are
 //! left out.
 //!
-//! | file         | content                                                           |
-//! |--------------|-------------------------------------------------------------------|
-//! | `rows`       | samples as rows of the regression, summed up by joint and fold    |
-//! | `prior`      | prior means and widths of the unknowns                            |
-//! | `posterior`  | posterior of the unknowns, and noise                              |
-//! | `search`     | delay, presliding distances and window                            |
-//! | `contact_samples` | samples in which something seems to be touched                    |
-//! | `physical_consistency` | constraint to physically possible inertias                        |
-//! | `ripple`     | torque that is periodic with the teeth of the gears               |
-//! | `held_out`   | residuals on held-out motion                                      |
-//! | `outliers`   | whether few samples have most of the residual                     |
-//! | `result`     | values with standard deviations, in common units                  |
+//! | file                   | content                                                        |
+//! |------------------------|----------------------------------------------------------------|
+//! | `rows`                 | samples as rows of the regression, summed up by joint and fold |
+//! | `prior`                | prior means and widths of the unknowns                         |
+//! | `posterior`            | posterior of the unknowns, and noise                           |
+//! | `search`               | delay, presliding distances and window                         |
+//! | `contact_samples`      | samples in which something seems to be touched                 |
+//! | `physical_consistency` | constraint to physically possible inertias                     |
+//! | `ripple`               | torque that is periodic with the teeth of the gears            |
+//! | `held_out`             | residuals on held-out motion                                   |
+//! | `outliers`             | whether few samples have most of the residual                  |
+//! | `result`               | values with standard deviations, in common units               |
 
 mod contact_samples;
 mod held_out;

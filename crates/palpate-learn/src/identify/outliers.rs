@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::held_out::{Left, Of};
+use super::held_out::{HeldOutSample, Of};
 
 /// Largest share of the samples that counts as few.
 const FEW: f64 = 0.01;
@@ -34,14 +34,15 @@ pub struct ResidualOutliers {
 
 impl ResidualOutliers {
     /// From the residuals by touch; `None` if the residual is not concentrated in few samples.
-    pub(super) fn of(left: &[Vec<Left>]) -> Option<Self> {
+    pub(super) fn of(left: &[Vec<HeldOutSample>]) -> Option<Self> {
         let square = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>();
         let each = left.iter().enumerate();
         let each = each.flat_map(|(touch, own)| own.iter().map(move |own| (touch, own)));
-        let mut all: Vec<(f64, usize, &Left)> =
+        let mut all: Vec<(f64, usize, &HeldOutSample)> =
             each.map(|(touch, own)| (square(&own.identified), touch, own)).collect();
         all.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let sum = |of: &[(f64, usize, &Left)]| of.iter().map(|(square, ..)| square).sum::<f64>();
+        let sum =
+            |of: &[(f64, usize, &HeldOutSample)]| of.iter().map(|(square, ..)| square).sum::<f64>();
         let far_off = FAR_OFF * FAR_OFF * all.get(all.len() / 2)?.0;
         let samples = all.partition_point(|(square, ..)| *square > far_off);
         let share = sum(&all[..samples]) / sum(&all);

@@ -17,11 +17,11 @@ use nalgebra::DVector;
 use palpate::Arm;
 
 pub use cause::{Cause, TorqueSource};
-pub use sentry::JointStateMonitor;
-pub(crate) use sentry::{DEAD, are_dead};
+pub use joint_state_monitor::JointStateMonitor;
+pub(crate) use joint_state_monitor::{ALL_ZERO, are_all_zero};
 
 mod cause;
-mod sentry;
+mod joint_state_monitor;
 #[cfg(test)]
 mod tests;
 

@@ -29,7 +29,7 @@ fn arm() -> Arc<Arm> {
 /// A robot with a guard of limit 5 N·m, and a clock.
 struct Scene {
     guard: Guard,
-    sentry: JointStateMonitor,
+    monitor: JointStateMonitor,
     start: Instant,
     /// Time since the start, ms.
     now_ms: u64,
@@ -49,7 +49,7 @@ impl Scene {
     fn new() -> Self {
         let arm = arm();
         let guard = Guard::new(GuardConfig::new(5.0), &arm);
-        let sentry = JointStateMonitor::new(guard.clone(), arm, ExternalTorqueConfig::default());
+        let monitor = JointStateMonitor::new(guard.clone(), arm, ExternalTorqueConfig::default());
         let state = JointState {
             header: Header::default(),
             name: vec!["one".to_owned(), "two".to_owned()],
@@ -57,7 +57,7 @@ impl Scene {
             velocity: Vec::new(),
             effort: vec![0.0; 2],
         };
-        Self { guard, sentry, start: Instant::now(), now_ms: 1000, state }
+        Self { guard, monitor, start: Instant::now(), now_ms: 1000, state }
     }
 
     fn now(&self) -> Instant {
@@ -79,7 +79,7 @@ impl Scene {
                 Stamp { sec: 0, nanosec: u32::try_from(self.now_ms).unwrap() * 1_000_000 };
             spoil(&mut state);
             let now = self.now();
-            self.sentry.see(Ok(&state), now, 0.0);
+            self.monitor.see(Ok(&state), now, 0.0);
             self.guard.taken(now, false);
             if self.cause().is_some() {
                 break;
@@ -161,7 +161,7 @@ fn unusable_joint_states_raise_the_flag_within_the_time_of_silence() {
     let mut scene = Scene::safe();
     for _ in 0..11 {
         scene.now_ms += 10;
-        scene.sentry.see(Err("cut off"), scene.now(), 0.0);
+        scene.monitor.see(Err("cut off"), scene.now(), 0.0);
     }
     assert_eq!(scene.cause(), Some(Cause::Refused("cut off".to_owned())));
 }
@@ -198,7 +198,7 @@ fn silence_a_slow_mapper_and_an_end_raise_the_flag() {
     for _ in 0..26 {
         scene.now_ms += 10;
         scene.state.header.stamp = Stamp { sec: 1, nanosec: scene.now_ms as u32 * 1_000_000 };
-        scene.sentry.see(Ok(&scene.state), scene.now(), 0.0); // the mapper does not take it
+        scene.monitor.see(Ok(&scene.state), scene.now(), 0.0); // the mapper does not take it
     }
     assert_eq!(scene.cause(), None, "250 ms since the first of them");
     scene.now_ms += 1;
@@ -313,7 +313,10 @@ fn positions_that_jump_back_and_forth_raise_the_flag() {
 
 #[test]
 fn efforts_of_exactly_zero_are_dead_where_gravity_turns_a_joint() {
-    assert!(sentry::are_dead(&[0.0, 0.0], &dvector![-3.0, 0.0]));
-    assert!(!sentry::are_dead(&[0.0, 0.0], &dvector![0.0, 0.0]), "a SCARA's joints bear nothing");
-    assert!(!sentry::are_dead(&[0.0, 1e-6], &dvector![-3.0, 0.0]));
+    assert!(joint_state_monitor::are_all_zero(&[0.0, 0.0], &dvector![-3.0, 0.0]));
+    assert!(
+        !joint_state_monitor::are_all_zero(&[0.0, 0.0], &dvector![0.0, 0.0]),
+        "a SCARA's joints bear nothing"
+    );
+    assert!(!joint_state_monitor::are_all_zero(&[0.0, 1e-6], &dvector![-3.0, 0.0]));
 }

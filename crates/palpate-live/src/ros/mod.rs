@@ -28,5 +28,6 @@ pub(crate) use supervisor::Listener;
 pub use supervisor::NetworkProcess;
 pub use topic::{TopicSeen, choose};
 pub(crate) use wire::{
-    Arrival, Asked, Counts, FromNetwork, Request, Response, ToNetwork, TorqueMessage, Trigger,
+    Arrival, Counts, FromNetwork, PendingRequest, Request, Response, ToNetwork, TorqueMessage,
+    Trigger,
 };

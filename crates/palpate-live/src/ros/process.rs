@@ -57,8 +57,8 @@ pub fn run() -> io::Result<()> {
             (config, joints, flag, parameters)
         }
         Some(ToNetwork::Describe { config, topic, patience }) => {
-            let kept =
-                Network::join(&config).and_then(|mut network| network.kept(&topic, patience));
+            let kept = Network::join(&config)
+                .and_then(|mut network| network.latched_text(&topic, patience));
             let answer = kept.map_or_else(
                 |error| FromNetwork::Failed(error.to_string()),
                 FromNetwork::Description,

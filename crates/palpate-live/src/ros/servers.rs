@@ -9,7 +9,7 @@ use rustdds::mio1::{Interest, Registry, Token};
 
 use super::network::{Network, NetworkError, parse};
 use super::parameters::{Parameter, Parameters};
-use super::wire::{Asked, FromNetwork, Request, Response, Trigger};
+use super::wire::{FromNetwork, PendingRequest, Request, Response, Trigger};
 use crate::message::{
     AskTrajectoryRequest, AskTrajectoryResponse, JointTrajectory, TriggerRequest, TriggerResponse,
 };
@@ -82,14 +82,17 @@ impl Servers {
     pub(super) fn receive(&self, mut hand_on: impl FnMut(FromNetwork)) {
         for (trigger, server) in &self.triggers {
             while let Ok(Some((id, _))) = server.receive_request() {
-                hand_on(FromNetwork::Asked(Asked { request: Request::Trigger(*trigger), id }));
+                hand_on(FromNetwork::Asked(PendingRequest {
+                    request: Request::Trigger(*trigger),
+                    id,
+                }));
             }
         }
         while let Ok(Some((id, mut request))) = self.ask.receive_request() {
             match bounded(&mut request.trajectory) {
                 Ok(()) => {
                     let request = Request::Trajectory(Box::new(request));
-                    hand_on(FromNetwork::Asked(Asked { request, id }));
+                    hand_on(FromNetwork::Asked(PendingRequest { request, id }));
                 }
                 Err(message) => {
                     let refused =

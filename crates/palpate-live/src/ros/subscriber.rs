@@ -138,7 +138,7 @@ impl Network {
     /// # Errors
     ///
     /// If the topic's name is not allowed in ROS, or DDS refuses.
-    pub(super) fn kept(
+    pub(super) fn latched_text(
         &mut self,
         topic: &str,
         patience: Duration,

@@ -65,7 +65,7 @@ pub(crate) enum FromNetwork {
         state: Result<JointState, String>,
         came: Arrival,
     },
-    Asked(Asked),
+    Asked(PendingRequest),
     Counts(Counts),
     /// Time from the arrival of a sample to the publishing of its prediction.
     Published(Duration),
@@ -99,7 +99,7 @@ pub(crate) struct TorqueMessage {
 
 /// A request that waits for an answer.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct Asked {
+pub(crate) struct PendingRequest {
     pub(crate) request: Request,
     pub(crate) id: RmwRequestId,
 }

@@ -24,7 +24,7 @@ pub struct HeldOutErrors {
 }
 
 impl HeldOutErrors {
-    /// The best method of a comparison by [`Plan::methods`], and its errors; the first method if none helps.
+    /// The best method of a comparison by [`ComparisonPlan::methods`], and its errors; the first method if none helps.
     pub(super) fn of(
         plan: &ComparisonPlan,
         rows: &[VariantErrors],

@@ -1,13 +1,13 @@
 //! Content of a log, a robot or a field, and what looks wrong with it.
 //!
-//! | module        | content                                                     |
-//! |---------------|-------------------------------------------------------------|
-//! | `recognise`   | whether a path is a log, a robot or a field                 |
-//! | `finding`     | what looks wrong: evidence and remedy                       |
-//! | `words`       | numbers and names in sentences                              |
+//! | module        | content                                                                     |
+//! |---------------|-----------------------------------------------------------------------------|
+//! | `recognise`   | whether a path is a log, a robot or a field                                 |
+//! | `finding`     | what looks wrong: evidence and remedy                                       |
+//! | `words`       | numbers and names in sentences                                              |
 //! | [`mod@log`]   | touches: clock, torques, tare, noise, gravity, joint order, what they touch |
-//! | [`mod@robot`] | links, joints, masses, shapes, meshes                       |
-//! | [`mod@field`] | cells, stiffness, uncertainty, memory                       |
+//! | [`mod@robot`] | links, joints, masses, shapes, meshes                                       |
+//! | [`mod@field`] | cells, stiffness, uncertainty, memory                                       |
 //!
 //! Paths are inspected one by one; an error in one does not stop the others. An *error* is what
 //! learning or predicting would refuse; a *warning* is what they would accept, but probably not as

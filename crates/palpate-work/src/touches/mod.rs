@@ -1,10 +1,10 @@
 //! Logs one after another, with their joints in the robot's order.
 //!
-//! | file   | content                                                                |
-//! |--------|------------------------------------------------------------------------|
-//! | `logs` | the events of the logs, which can be read ahead                        |
-//! | `as_logged` | checks of logs before their torques become external torques       |
-//! | `identified` | external torques of an identified arm                            |
+//! | file                  | content                                                                         |
+//! |-----------------------|---------------------------------------------------------------------------------|
+//! | `logs`                | the events of the logs, which can be read ahead                                 |
+//! | `as_logged`           | checks of logs before their torques become external torques                     |
+//! | `identified`          | external torques of an identified arm                                           |
 //! | `conventions_of_logs` | missing joints and torque conventions, found from the logs before they are used |
 
 mod as_logged;
@@ -137,13 +137,13 @@ impl Touches {
     }
 
     /// Whether the torques of any log are motor currents, by the names of their columns or because
-    /// [`Self::take_for_currents`] was called.
+    /// [`Self::treat_as_currents`] was called.
     pub fn are_currents(&self) -> bool {
         self.currents || self.logs.all().any(|log| is_of_currents(&log))
     }
 
     /// Takes the torques of all logs for motor currents.
-    pub fn take_for_currents(&mut self) {
+    pub fn treat_as_currents(&mut self) {
         self.currents = true;
     }
 

@@ -6,13 +6,13 @@ use crate::sdf::DistanceGrid;
 
 /// Pose of a link, prepared to transform points fast.
 #[derive(Debug, Clone)]
-pub(super) struct Placed {
+pub(super) struct PlacedLink {
     pub(super) world_from_link: Isometry3<f64>,
     /// The rotation as a matrix, which rotates points faster.
     pub(super) rotation: Rotation3<f64>,
 }
 
-impl Placed {
+impl PlacedLink {
     pub(super) fn new(world_from_link: &Isometry3<f64>) -> Self {
         let rotation = world_from_link.rotation.to_rotation_matrix();
         Self { world_from_link: *world_from_link, rotation }

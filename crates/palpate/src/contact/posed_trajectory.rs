@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use rustc_hash::FxHashMap;
 
 use super::broad_phase::{LIPSCHITZ, bricks_within};
-use super::placed::{Placed, box_distance_m, travel_in_link_m};
+use super::placed::{PlacedLink, box_distance_m, travel_in_link_m};
 use super::rules::{ContactRules, HeldPoint};
 use super::{ContactConfig, ContactState};
 use crate::lattice::{BRICK_EDGE, Bricks, CellId, Lattice};
@@ -51,7 +51,7 @@ pub(super) struct Link {
     /// Its number in the robot.
     pub(super) index: usize,
     /// Its poses, by waypoint.
-    pub(super) placed: Vec<Placed>,
+    pub(super) placed: Vec<PlacedLink>,
     /// Upper bound of the motion, in the link's frame, of points near the link since the first waypoint, by waypoint,
     /// m.
     travel_m: Vec<f64>,
@@ -194,7 +194,7 @@ impl Link {
         });
         let travel_m: Vec<f64> = std::iter::once(0.0).chain(travel_m).collect();
         let (marks, mark_m) = marks(&travel_m);
-        let placed: Vec<Placed> = poses.iter().map(Placed::new).collect();
+        let placed: Vec<PlacedLink> = poses.iter().map(PlacedLink::new).collect();
         let (low, high) = surface.bounds();
         let (middle, half_m) = (nalgebra::center(&low, &high), (high - low) / 2.0);
         let mut blocks = vec![[[[0.0; LANES]; 4]; 3]; placed.len().div_ceil(LANES)];

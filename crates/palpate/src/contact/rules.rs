@@ -1,15 +1,15 @@
 //! The rules of the contact model, each for one point and one link at its pose (Sec. II).
 //!
-//! | rule        | here                          | when                                              |
-//! |-------------|-------------------------------|---------------------------------------------------|
-//! | enter       | [`ContactRules::enters`]      | a free point has φ < δ                             |
-//! | deepest     | [`deepest_first`]             | several links cover it: the smallest φ holds it   |
-//! | known empty | [`ContactRules::known_empty`] | a link covers it at the start of a touch          |
-//! | anchor      | [`HeldPoint::new`]            | it enters: the nearest place with φ = δ           |
-//! | stick       | [`HeldPoint::stick`]          | the link moves: the anchor moves with it          |
-//! | slip        | [`HeldPoint::slip`]           | u leaves the friction cone about the normal       |
-//! | rub         | [`HeldPoint::rub`]            | the link moves across the normal                  |
-//! | release     | [`HeldPoint::pushes`]         | u·n ≤ 0: its spring would have to pull            |
+//! | rule        | here                          | when                                            |
+//! |-------------|-------------------------------|-------------------------------------------------|
+//! | enter       | [`ContactRules::enters`]      | a free point has φ < δ                          |
+//! | deepest     | [`deepest_first`]             | several links cover it: the smallest φ holds it |
+//! | known empty | [`ContactRules::known_empty`] | a link covers it at the start of a touch        |
+//! | anchor      | [`HeldPoint::new`]            | it enters: the nearest place with φ = δ         |
+//! | stick       | [`HeldPoint::stick`]          | the link moves: the anchor moves with it        |
+//! | slip        | [`HeldPoint::slip`]           | u leaves the friction cone about the normal     |
+//! | rub         | [`HeldPoint::rub`]            | the link moves across the normal                |
+//! | release     | [`HeldPoint::pushes`]         | u·n ≤ 0: its spring would have to pull          |
 //!
 //! φ is the signed distance from the link's surface, n = ∇φ its outward normal, and u the displacement, anchor − rest
 //! point. No rule depends on other points, on torques or on stiffness. Two schedulers apply the rules:
@@ -21,7 +21,7 @@ use std::cmp::Ordering;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::ContactConfig;
-use super::placed::Placed;
+use super::placed::PlacedLink;
 use crate::lattice::CellId;
 use crate::sdf::DistanceGrid;
 
@@ -107,7 +107,7 @@ impl ContactRules {
     pub(super) fn stick_and_slip(
         &self,
         surface: &DistanceGrid,
-        placed: &Placed,
+        placed: &PlacedLink,
         (points, slipping): (&mut [HeldPoint], &mut Vec<u32>),
     ) {
         if self.coulomb_friction > 0.0 {
@@ -187,7 +187,7 @@ impl HeldPoint {
     }
 
     /// *Stick*: the anchor stays where it is on the link, so the rest point moves in its frame.
-    fn stick(&mut self, placed: &Placed) {
+    fn stick(&mut self, placed: &PlacedLink) {
         self.rest_link = placed.in_link(&self.rest);
     }
 
@@ -230,7 +230,7 @@ impl HeldPoint {
     }
 
     /// Releases the point if its spring would have to pull, and turns u into the world frame.
-    fn finish(&mut self, placed: &Placed) {
+    fn finish(&mut self, placed: &PlacedLink) {
         let displacement = self.anchor_link - self.rest_link;
         self.held &= Self::pushes(displacement.dot(&self.normal_link));
         self.displacement_m = (placed.rotation * displacement).cast::<f32>().into();
@@ -244,7 +244,7 @@ impl HeldPoint {
 
     /// *Rub*: replaces the tangential part of u by Coulomb friction. Friction grows with the tangential motion of the
     /// link, up to `coulomb_friction` times the normal force, so it reverses soon after the motion does.
-    fn rub(&mut self, placed: &Placed, coulomb_friction: f64) {
+    fn rub(&mut self, placed: &PlacedLink, coulomb_friction: f64) {
         let along_m = (self.anchor_link - self.rest_link).dot(&self.normal_link);
         let mut friction = self.friction_link - self.rest_link.coords * PRESLIDING;
         friction -= self.normal_link * friction.dot(&self.normal_link);

@@ -112,7 +112,7 @@ pub(super) fn deepest(
 }
 
 /// Contact energy of a point, J, its gradient, N, and its curvature, N/m, which is positive semidefinite.
-pub(super) struct Resistance {
+pub(super) struct ContactEnergy {
     pub energy: f64,
     pub slope: Vector3<f64>,
     pub curvature: Matrix3<f64>,
@@ -121,12 +121,12 @@ pub(super) struct Resistance {
 impl ElasticContactConfig {
     /// Contact energy of a point inside a link, `offset_m` from its anchor, with normal force `pressed_n`, N, in the
     /// previous iteration. The tangential spring is `yields` times softer than without creep.
-    pub(super) fn resistance(
+    pub(super) fn contact_energy(
         &self,
         pressed: &Pressed,
         offset_m: &Vector3<f64>,
         (pressed_n, yields): (f64, f64),
-    ) -> Resistance {
+    ) -> ContactEnergy {
         let (k, n) = (self.stiffness_n_per_m, pressed.normal());
         let tangent = Matrix3::identity() - n * n.transpose();
         let mut energy = 0.5 * k * pressed.depth_m * pressed.depth_m;
@@ -146,12 +146,12 @@ impl ElasticContactConfig {
             slope += limit * along;
             curvature += limit / size * (tangent - along * along.transpose());
         }
-        Resistance { energy, slope, curvature }
+        ContactEnergy { energy, slope, curvature }
     }
 
     /// Factor by which creep during `time_s` softens the tangential spring of a point, whose segment has this inverse
     /// effective mass, 1/kg (Maxwell's element, by implicit Euler).
-    pub(super) fn yields(&self, inverse_mass: f64, time_s: f64) -> f64 {
+    pub(super) fn creep_softening(&self, inverse_mass: f64, time_s: f64) -> f64 {
         let kt = self.stiffness_n_per_m * self.tangential_share;
         1.0 + time_s * self.creep_s * inverse_mass * kt
     }
@@ -178,7 +178,7 @@ mod tests {
         for slip_m in [0.0001, 0.004] {
             let point = anchor + Vector3::new(-0.002, slip_m, 0.5 * slip_m);
             let resist = |at: Vector3<f64>| {
-                config.resistance(&pressed(&at, 0.005), &(at - anchor), (2.0, 1.5))
+                config.contact_energy(&pressed(&at, 0.005), &(at - anchor), (2.0, 1.5))
             };
             let here = resist(point);
             for axis in 0..3 {
@@ -200,7 +200,7 @@ mod tests {
         let config = ElasticContactConfig { friction: 0.3, ..ElasticContactConfig::default() };
         for slip_m in [0.001, 0.01, 0.1] {
             let at = Vector3::new(0.0, slip_m, 0.0);
-            let force = -config.resistance(&pressed(&at, 0.004), &at, (2.0, 1.0)).slope;
+            let force = -config.contact_energy(&pressed(&at, 0.004), &at, (2.0, 1.0)).slope;
             assert!(force.y < 0.0 && force.y.abs() <= 0.3 * 2.0 + 1e-12, "{} N", force.y);
         }
     }

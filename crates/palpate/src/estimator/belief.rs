@@ -127,7 +127,7 @@ impl Belief {
         observation: &Observation,
         variance: impl Fn(usize) -> f64,
     ) -> Result<DMatrix<f64>, EstimatorError> {
-        let mut covariance = observation.gram(&self.cells, variance);
+        let mut covariance = observation.weighted_gram(&self.cells, variance);
         for (joint, variance) in self.torque_variance.iter().enumerate() {
             covariance[(joint, joint)] += variance;
         }

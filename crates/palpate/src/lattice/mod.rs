@@ -19,8 +19,8 @@ use serde::{Deserialize, Serialize};
 
 pub(crate) use bricks::{BRICK_CELLS, BRICK_EDGE, Bricks, CellSet};
 pub use rows::CellRows;
+pub(crate) use rows::RowCache;
 pub(crate) use rows::RowsOfBricks;
-pub(crate) use rows::RowsOfRuns;
 
 /// A cell's number in its lattice: x runs fastest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]

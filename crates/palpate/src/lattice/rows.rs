@@ -118,7 +118,7 @@ impl CellRows {
 /// From one step to the next, some cells leave a run, and new ones are added at its end. The rows of the other cells
 /// are found by walking along the previous run, with one comparison each instead of a look-up.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct RowsOfRuns {
+pub(crate) struct RowCache {
     runs: Vec<Run>,
 }
 
@@ -130,7 +130,7 @@ struct Run {
     last_rows: Vec<u32>,
 }
 
-impl RowsOfRuns {
+impl RowCache {
     /// The rows of the cells of run number `run`; a cell without a row gets the next one.
     ///
     /// # Panics
@@ -172,7 +172,7 @@ mod tests {
     #[test]
     fn the_cached_rows_of_a_run_equal_those_of_its_cells() {
         let mut rows = CellRows::new(Lattice::new([0.0; 3], 0.01, [100; 3]).unwrap());
-        let mut runs = RowsOfRuns::default();
+        let mut runs = RowCache::default();
         let cells = |numbers: &[u32]| numbers.iter().map(|&n| CellId(n)).collect::<Vec<_>>();
         for numbers in [&[5, 6, 7, 8][..], &[5, 7, 8, 9], &[9, 5, 40], &[], &[7, 40]] {
             let found = runs.follow(1, &cells(numbers), &mut rows).to_vec();

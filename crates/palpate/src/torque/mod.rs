@@ -9,13 +9,13 @@
 //! parallel to u: a contact law with other forces needs p + u as well. The rest points are stored once per cell, by the
 //! caller.
 //!
-//! | paper | here                     | value                         | shape    | unit    |
-//! |-------|--------------------------|-------------------------------|----------|---------|
-//! | Eq. 2 | [`lever`]                | `w = −J(q, p+u)ᵀ u`           | n_joints | m²      |
-//! | Eq. 3 | [`Stiffness`]            | K of κ, or of z               |          | N/m     |
-//! | Eq. 5 | [`Observation::predict`] | `τ̂ = Σ wᵢ Kᵢ`                | n_joints | N·m     |
-//! |       | [`Observation::gram`]    | `H P Hᵀ`, P diagonal          | n × n    | (N·m)²  |
-//! |       | [`Observation::transpose_times`] | `Hᵀ d`, contact by contact    |          |         |
+//! | paper | here                             | value                      | shape    | unit   |
+//! |-------|----------------------------------|----------------------------|----------|--------|
+//! | Eq. 2 | [`lever`]                        | `w = −J(q, p+u)ᵀ u`        | n_joints | m²     |
+//! | Eq. 3 | [`Stiffness`]                    | K of κ, or of z            |          | N/m    |
+//! | Eq. 5 | [`Observation::predict`]         | `τ̂ = Σ wᵢ Kᵢ`             | n_joints | N·m    |
+//! |       | [`Observation::weighted_gram`]   | `H P Hᵀ`, P diagonal       | n × n    | (N·m)² |
+//! |       | [`Observation::transpose_times`] | `Hᵀ d`, contact by contact |          |        |
 //!
 //! Here H consists of levers, without the sign of κ: [`crate::ekf`] adds it. The module depends neither on time, nor on
 //! priors, nor on how contacts are found. Gravity is not modelled here: all torques are external ones.
@@ -29,7 +29,7 @@ use pulp::bytemuck::{cast, cast_slice};
 use simd::SimdLevel;
 
 use crate::contact::Contacts;
-use crate::lattice::{CellRows, RowsOfRuns};
+use crate::lattice::{CellRows, RowCache};
 use crate::robot::{LinkId, Poses, Robot};
 
 /// Torque that a displaced point exerts at unit stiffness: `w = −J(q, p+u)ᵀ u` (Eq. 2).
@@ -205,13 +205,13 @@ impl<'a> Run<'a> {
 #[derive(Debug, Clone)]
 pub struct ObservationBuilder {
     rows: CellRows,
-    runs: RowsOfRuns,
+    runs: RowCache,
 }
 
 impl ObservationBuilder {
     /// A builder that continues the numbering of cells in `rows`.
     pub fn new(rows: CellRows) -> Self {
-        Self { rows, runs: RowsOfRuns::default() }
+        Self { rows, runs: RowCache::default() }
     }
 
     /// The numbering of cells so far.
@@ -389,11 +389,15 @@ impl Observation {
 
     /// `√ diag(H P Hᵀ)` for a diagonal P, n_joints, N·m; `variance` gives P of a row, (N/m)².
     pub fn torque_std(&self, cells: &[CellState], variance: impl Fn(usize) -> f64) -> DVector<f64> {
-        self.gram(cells, variance).diagonal().map(|own| own.max(0.0).sqrt())
+        self.weighted_gram(cells, variance).diagonal().map(|own| own.max(0.0).sqrt())
     }
 
     /// `H P Hᵀ` for a diagonal P, n × n, (N·m)²; `variance` gives P of a row, (N/m)².
-    pub fn gram(&self, cells: &[CellState], variance: impl Fn(usize) -> f64) -> DMatrix<f64> {
+    pub fn weighted_gram(
+        &self,
+        cells: &[CellState],
+        variance: impl Fn(usize) -> f64,
+    ) -> DMatrix<f64> {
         let level = SimdLevel::best();
         let mut gram = DMatrix::zeros(self.n_joints, self.n_joints);
         for run in self.runs() {

@@ -1,8 +1,8 @@
 //! Converts messages to samples and to names of touches, for each supported type.
 //!
-//! | type                           | positions                           | torques                |
-//! |--------------------------------|-------------------------------------|------------------------|
-//! | `sensor_msgs/JointState`       | `position`                          | `effort`               |
+//! | type                           | positions                            | torques                |
+//! |--------------------------------|--------------------------------------|------------------------|
+//! | `sensor_msgs/JointState`       | `position`                           | `effort`               |
 //! | `franka_msgs/FrankaRobotState` | `measured_joint_state.position`, `q` | `tau_ext_hat_filtered` |
 //!
 //! Franka's robot state has had several layouts; each is read by its definition. Its torques are

@@ -4,13 +4,13 @@
 //! `-` or a blank. A topic or a part of a message may precede them (`/joint_states/`, `field.`), `measured`, `actual`
 //! or `feedback` may be added, and a unit such as `[rad]` may follow:
 //!
-//! | what        | numbered                                       | named after the joint           |
-//! |-------------|------------------------------------------------|---------------------------------|
-//! | position    | `q1`, `joint_position_1`, `position[0]`, `pos1` | `elbow_position`, `angle_elbow` |
-//! | torque      | `tau1`, `joint_torque_1`, `effort[0]`          | `elbow_effort`, `torque_elbow`  |
-//! | current     | `current1`, `motor_current_1`, `i_actual_0`    | `elbow_current`                 |
-//! | time        | `time`, `timestamp_ns`, `stamp.sec` and `stamp.nanosec` |                        |
-//! | touch       | `touch`, `sequence`, `seq`, `episode`          |                                 |
+//! | what     | numbered                                                | named after the joint           |
+//! |----------|---------------------------------------------------------|---------------------------------|
+//! | position | `q1`, `joint_position_1`, `position[0]`, `pos1`         | `elbow_position`, `angle_elbow` |
+//! | torque   | `tau1`, `joint_torque_1`, `effort[0]`                   | `elbow_effort`, `torque_elbow`  |
+//! | current  | `current1`, `motor_current_1`, `i_actual_0`             | `elbow_current`                 |
+//! | time     | `time`, `timestamp_ns`, `stamp.sec` and `stamp.nanosec` |                                 |
+//! | touch    | `touch`, `sequence`, `seq`, `episode`                   |                                 |
 //!
 //! Names of the manufacturers' programs are also known: Universal Robots' RTDE (`actual_q_0`,
 //! `actual_current_as_torque_0`, `actual_current_0`), libfranka (`state.q[0]`, `state.tau_J[0]`, with a time in

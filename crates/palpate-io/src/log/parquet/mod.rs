@@ -1,11 +1,11 @@
 //! Touches as Parquet: data sets of LeRobot, and tables with the column names of CSV.
 //!
-//! | what      | lists, as in LeRobot                                  | or a column per joint |
-//! |-----------|-------------------------------------------------------|---------------------|
-//! | positions | `observation.state`                                   | as in CSV           |
-//! | torques   | `observation.effort`, `.efforts`, `.torque`, `.torques` | as in CSV           |
-//! | time, s   | `timestamp`                                           | as in CSV           |
-//! | touch     | `episode_index`                                       | as in CSV           |
+//! | what      | lists, as in LeRobot                                    | or a column per joint |
+//! |-----------|---------------------------------------------------------|-----------------------|
+//! | positions | `observation.state`                                     | as in CSV             |
+//! | torques   | `observation.effort`, `.efforts`, `.torque`, `.torques` | as in CSV             |
+//! | time, s   | `timestamp`                                             | as in CSV             |
+//! | touch     | `episode_index`                                         | as in CSV             |
 //!
 //! A log is a file, a folder of files, or a data set with its files in `data/`, read in natural
 //! order. An episode is a touch; without that column, each file is one. The joints of lists are

@@ -91,7 +91,7 @@ fn step(touches: &[RecordedTouch]) -> f64 {
 
 /// A touch, tracked in the lattice.
 #[derive(Default)]
-struct Followed {
+struct FollowedTouch {
     /// Number of frames from the first on in which the arm stands still, or touches no point.
     start_frames: usize,
     /// Logged torques in the sign of external torques, minus gravity, by frame, N·m.
@@ -159,7 +159,7 @@ impl Figures {
         touch: &RecordedTouch,
         (known, step): (Option<&[usize]>, f64),
         (bar, progress): (Option<&dyn Bar>, &dyn Progress),
-    ) -> Result<Followed, WorkError> {
+    ) -> Result<FollowedTouch, WorkError> {
         let mut tracker = self.tracker.clone();
         tracker.begin_touch();
         let (robot, start) = (&self.tracker.arm().robot, &touch.samples[0].q);
@@ -177,7 +177,7 @@ impl Figures {
             let cells = contacts.links.iter().flat_map(|link| &link.cells).copied();
             Some((contacts.len(), cells.collect(), untared))
         };
-        let (mut followed, mut started) = (Followed::default(), false);
+        let (mut followed, mut started) = (FollowedTouch::default(), false);
         for (frame, sample) in touch.samples.iter().enumerate() {
             if progress.stopped() {
                 return Err(WorkError::Interrupted { kept: String::new() });
@@ -217,8 +217,8 @@ impl Figures {
     }
 
     /// The figures of a touch.
-    fn figures(&self, touch: &RecordedTouch, followed: &Followed) -> TouchFacts {
-        let Followed { start_frames, raw, touched, .. } = followed;
+    fn figures(&self, touch: &RecordedTouch, followed: &FollowedTouch) -> TouchFacts {
+        let FollowedTouch { start_frames, raw, touched, .. } = followed;
         let start_frames = *start_frames;
         let tare_frames = match self.tare {
             Tare::None => 0,

@@ -1,20 +1,20 @@
 //! Content of a log, touch by touch, and what looks wrong with it.
 //!
-//! | file      | content                                                     |
-//! |-----------|-------------------------------------------------------------|
-//! | `joints`  | joints matched by name                                      |
-//! | `frames`  | repeated frames, clock, stamps                              |
-//! | `sensors` | torques that are constant or cut off while the arm moves    |
-//! | `delay`   | torques that come later than positions                      |
-//! | `motion`  | positions and speeds beyond the robot's limits              |
-//! | `unit`    | degrees or radians                                          |
-//! | `reading` | sign, gravity and order of joints that fit best             |
-//! | `gravity` | the findings from these                                     |
-//! | `mounting` | whether the arm is mounted as its URDF says                |
-//! | `payload` | what weight would explain torques that gravity does not     |
-//! | `figures` | start, tare, noise, push, contacts and end of each touch    |
-//! | `touch_findings` | the findings from these figures                             |
-//! | `check`   | all checks while a log is being learnt from                 |
+//! | file             | content                                                  |
+//! |------------------|----------------------------------------------------------|
+//! | `joints`         | joints matched by name                                   |
+//! | `frames`         | repeated frames, clock, stamps                           |
+//! | `sensors`        | torques that are constant or cut off while the arm moves |
+//! | `delay`          | torques that come later than positions                   |
+//! | `motion`         | positions and speeds beyond the robot's limits           |
+//! | `unit`           | degrees or radians                                       |
+//! | `reading`        | sign, gravity and order of joints that fit best          |
+//! | `gravity`        | the findings from these                                  |
+//! | `mounting`       | whether the arm is mounted as its URDF says              |
+//! | `payload`        | what weight would explain torques that gravity does not  |
+//! | `figures`        | start, tare, noise, push, contacts and end of each touch |
+//! | `touch_findings` | the findings from these figures                          |
+//! | `check`          | all checks while a log is being learnt from              |
 //!
 //! Most defects show only in comparison with the whole log, so it is read into memory: 200 bytes for a frame of seven
 //! joints.

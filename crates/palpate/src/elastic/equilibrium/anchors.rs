@@ -66,8 +66,10 @@ impl Equilibrium {
             let normal = normal.try_normalize(1e-9).unwrap_or(Vector3::z());
             let offset = at - link.world_from_link * anchor.place_link;
             let slip = offset - normal * normal.dot(&offset);
-            let slip =
-                slip / self.config.yields(inverse_effective_masses[point.segment], self.substep_s);
+            let slip = slip
+                / self
+                    .config
+                    .creep_softening(inverse_effective_masses[point.segment], self.substep_s);
             let longest = self.config.longest_slip_m(anchor.pressed_n);
             // Only the tangential offset is limited: along the normal, the anchor follows its
             // point.

@@ -4,7 +4,7 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use super::Equilibrium;
 use crate::elastic::body::SegmentKind;
-use crate::elastic::contact::{PlacedLink, Resistance, deepest};
+use crate::elastic::contact::{ContactEnergy, PlacedLink, deepest};
 use crate::elastic::pose::{Joints, Pose};
 use crate::elastic::tree::Node;
 
@@ -31,7 +31,7 @@ impl Equilibrium {
         placed: &[PlacedLink<'_>],
         near: &[Vec<u16>],
         posed: &Pose,
-        mut then: impl FnMut(&PressedAt, &Point3<f64>, &Resistance),
+        mut then: impl FnMut(&PressedAt, &Point3<f64>, &ContactEnergy),
     ) {
         for (segment, near) in near.iter().enumerate().filter(|(_, near)| !near.is_empty()) {
             for index in self.first[segment]..self.first[segment + 1] {
@@ -44,8 +44,8 @@ impl Equilibrium {
                 let (offset, pressed_n) = self.offset(index, placed, pressed.link, &at);
                 let yields = self
                     .config
-                    .yields(self.body.inverse_effective_masses()[segment], self.substep_s);
-                let resistance = self.config.resistance(&pressed, &offset, (pressed_n, yields));
+                    .creep_softening(self.body.inverse_effective_masses()[segment], self.substep_s);
+                let resistance = self.config.contact_energy(&pressed, &offset, (pressed_n, yields));
                 then(&PressedAt { segment, link: pressed.link }, &at, &resistance);
             }
         }

@@ -19,13 +19,13 @@ const MIN_SPEED: f64 = 0.1;
 /// Time over which the speed is averaged.
 const SPEED_OVER: Duration = Duration::from_millis(100);
 
-pub(crate) const DEAD: &str =
+pub(crate) const ALL_ZERO: &str =
     "all efforts are exactly 0, though the arm bears its own weight; does the driver publish them?";
 const FROZEN: &str = "positions and efforts repeat to the last bit, and the arm moved just before; does the driver hang?";
 
 /// Whether all efforts are exactly zero although the joints carry the weight of the arm. `untared`: torques before the
 /// tare, which are then the torques of gravity alone, n_joints, N·m.
-pub(crate) fn are_dead(efforts: &[f64], untared: &DVector<f64>) -> bool {
+pub(crate) fn are_all_zero(efforts: &[f64], untared: &DVector<f64>) -> bool {
     efforts.iter().all(|effort| *effort == 0.0) && untared.amax() > MIN_WEIGHT
 }
 
@@ -52,7 +52,7 @@ struct Last {
 }
 
 impl JointStateMonitor {
-    /// A sentry for an arm; `config` are sign, gravity and tare of its torques.
+    /// A monitor for an arm; `config` are sign, gravity and tare of its torques.
     pub fn new(guard: Guard, arm: Arc<Arm>, config: ExternalTorqueConfig) -> Self {
         let joints: Vec<String> = arm.robot.joint_names().map(str::to_owned).collect();
         let q = vec![f64::NAN; joints.len()];
@@ -77,13 +77,13 @@ impl JointStateMonitor {
                 .guard
                 .refused(&"the pose of the arm cannot be computed from its joint positions");
         };
-        let is_dead = are_dead(&tau, &untared);
+        let is_dead = are_all_zero(&tau, &untared);
         self.guard.measured(untared);
         if self.is_frozen(q, &tau, now) {
             return self.guard.refused(&FROZEN);
         }
         if is_dead {
-            return self.guard.refused(&DEAD);
+            return self.guard.refused(&ALL_ZERO);
         }
         match self.reader.read(state, received_s) {
             Ok(_) => self.guard.usable(now),

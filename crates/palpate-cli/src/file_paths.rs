@@ -19,12 +19,12 @@ pub(crate) fn check(path: &Path) -> Result<(), CliError> {
 ///
 /// Paths are compared with links resolved. Each output is compared with all files added before it.
 #[derive(Debug, Default)]
-pub(crate) struct Places {
+pub(crate) struct FilePaths {
     /// Role of each file, in words, and its resolved path.
     taken: Vec<(String, PathBuf)>,
 }
 
-impl Places {
+impl FilePaths {
     /// Starts with the files that the settings name and all files of the logs.
     pub(crate) fn read<F: Args + Clone + Into<Settings>>(
         args: &SettingsArgs<F>,

@@ -87,33 +87,33 @@ mod tests {
 
     #[test]
     fn the_newest_are_kept_in_order_and_the_others_counted() {
-        let inbox = LatestQueue::new(3);
-        (0..10).for_each(|item| inbox.push(item));
-        let kept: Vec<_> = std::iter::from_fn(|| inbox.pop(Duration::ZERO)).collect();
-        assert_eq!((kept, inbox.dropped(), inbox.is_empty()), (vec![7, 8, 9], 7, true));
+        let queue = LatestQueue::new(3);
+        (0..10).for_each(|item| queue.push(item));
+        let kept: Vec<_> = std::iter::from_fn(|| queue.pop(Duration::ZERO)).collect();
+        assert_eq!((kept, queue.dropped(), queue.is_empty()), (vec![7, 8, 9], 7, true));
     }
 
     #[test]
     fn what_one_thread_pushes_another_gets_and_nothing_is_lost_below_capacity() {
-        let inbox = Arc::new(LatestQueue::new(1000));
-        let producer = Arc::clone(&inbox);
+        let queue = Arc::new(LatestQueue::new(1000));
+        let producer = Arc::clone(&queue);
         let thread = thread::spawn(move || (0..1000).for_each(|item| producer.push(item)));
-        let got: Vec<_> = (0..1000).map(|_| inbox.pop(Duration::from_secs(180))).collect();
+        let got: Vec<_> = (0..1000).map(|_| queue.pop(Duration::from_secs(180))).collect();
         thread.join().unwrap();
         assert_eq!(got, (0..1000).map(Some).collect::<Vec<_>>());
-        assert_eq!(inbox.dropped(), 0);
+        assert_eq!(queue.dropped(), 0);
     }
 
     #[test]
     fn a_wait_ends_after_its_time_and_when_it_is_woken() {
-        let inbox = Arc::new(LatestQueue::<()>::new(1));
-        assert_eq!(inbox.pop(Duration::from_millis(1)), None);
-        let waking = Arc::clone(&inbox);
+        let queue = Arc::new(LatestQueue::<()>::new(1));
+        assert_eq!(queue.pop(Duration::from_millis(1)), None);
+        let waking = Arc::clone(&queue);
         let thread = thread::spawn(move || waking.wake());
-        assert_eq!(inbox.pop(Duration::MAX), None);
+        assert_eq!(queue.pop(Duration::MAX), None);
         thread.join().unwrap();
-        inbox.push(());
-        inbox.wake();
-        assert_eq!(inbox.pop(Duration::MAX), Some(()));
+        queue.push(());
+        queue.wake();
+        assert_eq!(queue.pop(Duration::MAX), Some(()));
     }
 }
