@@ -13,10 +13,10 @@ matplotlib for the picture. A fit takes about four minutes on one core, the same
 A link's surface is the surface of the union of its primitives. It is measured both ways, from
 points of the real surface to ours and back, against three readings of the real one:
 
-| column | real surface |
-|--------|--------------|
-| parts  | the outside of the union of the convex pieces |
-| mesh   | the mesh without its inner walls; back, `parts` stands in where the shell is open |
+| column | real surface                                                                        |
+|--------|-------------------------------------------------------------------------------------|
+| parts  | the outside of the union of the convex pieces                                       |
+| mesh   | the mesh without its inner walls; back, `parts` stands in where the shell is open   |
 | raw    | the whole mesh: no solid can follow inner walls, so this one is printed, not judged |
 
 Distances are to dense points of a surface, hence too long by up to half a millimetre, or exact

@@ -186,7 +186,7 @@ def main():
     parser.add_argument("--names", nargs="+", default=SETS)
     parser.add_argument("--scenes", type=int, default=10)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--bodies", type=Path, help="folder of fields with elastic bodies, made if missing (default: OUT/bodies)")
+    parser.add_argument("--bodies", type=Path, help="fields with elastic bodies, made if missing (default: OUT/bodies)")
     parser.add_argument("--seconds", type=float, default=40.0, help="time for planning, s")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()

@@ -377,14 +377,14 @@ def main():
         return score(parser.parse_args())
     number = lambda name, default, what: parser.add_argument(name, type=type(default), default=default, help=what)
     number("--seed", 0, "seed of all random numbers")
-    parser.add_argument("--motion-seed", type=int, help="seed of motions, pushes and faults of a motion (default: --seed)")
+    parser.add_argument("--motion-seed", type=int, help="seed of motions, pushes, faults by motion (default: --seed)")
     number("--draws", 20, "number of fault sets")
     number("--motions", 3, "motions of a draw; another number gives other arms, too")
     number("--seconds", 20.0, "length of a motion")
     number("--rate-hz", 100.0, "samples per second")
     number("--republish-s", 0.0, "period of a node that repeats its last message with a new time stamp, s")
     parser.add_argument("--noise-n-m", type=float, nargs=2, default=[0.05, 0.1], metavar=("LOW", "HIGH"),
-                        help="standard deviation of the torques, drawn by motion as in the simulated data sets")  # fmt: skip
+                        help="standard deviation of the torques, drawn by motion as in the data sets")  # fmt: skip
     number("--angle-noise-rad", 0.0, "noise of the positions; the data sets have none")
     number("--angle-step-rad", 0.0, "resolution of the encoders; the data sets have none")
     number("--link-error", 0.02, "relative error of masses and inertias; centres are off by this share of 0.1 m")
@@ -395,7 +395,7 @@ def main():
     parser.add_argument("--without", nargs="*", default=[], choices=[*FAULTS, "all"], help="faults to leave out")
     args = parser.parse_args()
     if args.seconds < STILL_S + 2 * RAMP_S + END_S or args.max_delay_ms * 1e-3 > LEAD_S:
-        sys.exit(f"wanted motions of {STILL_S + 2 * RAMP_S + END_S} s or more, and delays of {LEAD_S * 1e3:.0f} ms or less")
+        sys.exit(f"wanted motions of {STILL_S + 2 * RAMP_S + END_S} s or more, delays of {LEAD_S * 1e3:.0f} ms or less")
     if args.out.exists():
         sys.exit(f"{args.out} exists already")
     for number in range(args.draws):

@@ -3,12 +3,12 @@
 
     scripts/sudden_ends.py PALPATE SET [--moments N] [--seed S] [--only map,evaluate,live]
 
-| way    | what happens at the moment                     | what must hold                                  |
-|--------|------------------------------------------------|-------------------------------------------------|
-| kill   | kill -9                                        | files are whole, old or new; the next run clears up |
-| term   | SIGTERM                                        | the same, nothing is left, `live` has saved it all |
-| full   | the disk is full from then on                  | old files stand, fields are saved elsewhere     |
-| gone   | the folder of the result is removed            | fields are saved elsewhere                      |
+| way  | what happens at the moment          | what must hold                                      |
+|------|-------------------------------------|-----------------------------------------------------|
+| kill | kill -9                             | files are whole, old or new; the next run clears up |
+| term | SIGTERM                             | the same, nothing is left, `live` has saved it all  |
+| full | the disk is full from then on       | old files stand, fields are saved elsewhere         |
+| gone | the folder of the result is removed | fields are saved elsewhere                          |
 
 A field is whole if it is equal to the bit to the one of an undisturbed run (`map`), or if `palpate
 inspect` reads it and it has the cells that `live` said it had: at the end, or for kill -9 0.7 s before it,

@@ -42,7 +42,7 @@ const VISIT_OPERATIONS: f64 = 23.0;
 const BUFFER_BYTES: usize = 256 << 20;
 /// Smallest size of the buffer that is tried if memory is short, bytes.
 const MIN_BUFFER_BYTES: usize = 16 << 20;
-/// Number of sweeps over the buffer; their median counts.
+/// Number of runs of each measurement; their median counts.
 const SWEEPS: usize = 15;
 /// Number of independent sums, so that the memory limits the time and not the additions.
 const LANES: usize = 16;

@@ -63,9 +63,9 @@ impl CloudArgs {
             return Ok((given.into_iter().map(Arc::new).collect(), None));
         }
         if clouds.len() > 1 && of_camera {
-            let ambiguous = "--camera and --camera-pose describe one picture, but several --cloud are given; leave them \
-                             out (palpate then searches for the positions of the cameras), or give folders that \
-                             contain the file of their camera";
+            let ambiguous = "--camera and --camera-pose describe one picture, but several --cloud are given; leave \
+                             them out (palpate then searches for the positions of the cameras), or give folders \
+                             that contain the file of their camera";
             return Err(CliError::Usage(ambiguous.to_owned()));
         }
         let seen = clouds.iter().map(|path| Ok((self.read(path, output)?, self.viewpoint(path)?)));

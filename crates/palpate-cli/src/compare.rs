@@ -95,9 +95,9 @@ fn text(report: &ComparisonReport) -> String {
         rows.push(row("together", &report.together));
     }
     format!(
-        "Contradiction: above 1 the touches do not fit the field. The other figures are errors relative to predicting \
-         zero:\nerror of the field; repeated: of the torque that a remembered touch measured along the same path; scaled: \
-         of the field's\ntorques times the best factor; moved: of the field after the best motion.\n\n{}",
+        "Contradiction: above 1 the touches do not fit the field. Errors are relative to predicting zero; error: of \
+         the field;\nrepeated: of the torque that a remembered touch measured along the same path; scaled: of the field's \
+         torques times\nthe best factor; moved: of the field after the best motion.\n\n{}",
         table(&header, rows)
     )
 }

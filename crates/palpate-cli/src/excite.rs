@@ -93,8 +93,8 @@ fn note_nearly_still(robot: &Robot, found: &Excitation, output: &Output) {
     let names: Vec<&str> = names.map(|(_, name)| name).collect();
     if !names.is_empty() {
         output.note(&format!(
-            "joints that hardly move, since their limits, --reach, the ground or links close to each other leave no room \
-             around this start: {}; choose another start (--start) to move them",
+            "joints that hardly move, since their limits, --reach, the ground or links close to each other leave no \
+             room around this start: {}; choose another start (--start) to move them",
             names.join(", ")
         ));
     }
@@ -129,7 +129,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     config.rate_hz *= args.slow_down;
     if config.rate_hz * config.duration_s > MAX_POINTS {
         return Err(CliError::Usage(format!(
-            "--slow-down, --duration and --rate-hz together need more than {MAX_POINTS} points; make one of them smaller"
+            "--slow-down, --duration and --rate-hz together need more than {MAX_POINTS} points; make one of them \
+             smaller"
         )));
     }
     let bar = output.begin(Some(config.tries as u64), "motions", "trying");
@@ -185,8 +186,8 @@ fn summary(found: &Excitation, file: &dyn Display) -> String {
         });
     format!(
         "{} points over {:.0} s are in `{file}`.\nCondition number {:.0} (of the first motion within the limits: \
-         {:.0}). The motion uses at most {:.0} % of the joints' speed limits and {:.0} % of their torque limits. {lowest}; \
-         {nearest}.",
+         {:.0}). The motion uses at most {:.0} % of the joints' speed limits and {:.0} % of their torque limits. \
+         {lowest}; {nearest}.",
         found.points.len(),
         found.times_s.last().copied().unwrap_or_default(),
         found.condition,

@@ -206,8 +206,8 @@ fn residuals(found: &IdentifiedArm) -> String {
     let total = |of: &[f64]| of.iter().map(|own| own * own).sum::<f64>().sqrt();
     let held_out = &found.held_out;
     let text = format!(
-        "\nResidual of the measured torque after subtracting each model, on held-out motion, root mean square over all joints,\n\
-         N·m; slow: means over {:.2} s, the time window from which speeds are computed:\n\n",
+        "\nResidual of the measured torque after subtracting each model, on held-out motion, root mean square over all \
+         joints,\nN·m; slow: means over {:.2} s, the time window from which speeds are computed:\n\n",
         2.0 * found.model.window_s
     );
     let row = |what: &str, all: &[f64], slow: &[f64]| {

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 /// Time of the first Ctrl-C.
 static PRESSED: OnceLock<Instant> = OnceLock::new();
 
-/// Signals closer together than this count as one: `ros2 launch` repeats a signal that the terminal or `systemd` has
-/// sent to all processes.
+/// Signals within this time after the first count as one with it: `ros2 launch` repeats a signal that the terminal or
+/// `systemd` has sent to all processes.
 const TOGETHER: Duration = Duration::from_secs(1);
 
 /// Installs the handler of Ctrl-C. Without it, Ctrl-C ends the process at once.

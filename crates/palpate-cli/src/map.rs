@@ -364,7 +364,7 @@ impl Summary<'_> {
         if let (Some(errors), Some(zero)) = (before.errors, before.zero) {
             let [map, zero] = [errors, zero].map(|errors| errors.avg_error);
             let error = format!("{map:.3} N·m on average (predicting zero: {zero:.3} N·m)");
-            found.push(("error of frames before they are learnt", error));
+            found.push(("error before learning a frame", error));
         }
         let mut text = format!("The field is in `{}`.\n", self.args.output.display());
         text += &rows(&found);

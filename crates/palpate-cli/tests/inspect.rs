@@ -420,7 +420,7 @@ fn torques_that_are_cut_off_are_reported_once() {
         tau[0] = tau[0].max(0.6 * most);
     });
     let found = only(&touches, &[], "clipped_torque");
-    says(&found, &["`Actuator1`", "never exceeds", "seq_0"]);
+    says(&found, &["`Actuator1`", "is cut off at", "seq_0"]);
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! Program for libFuzzer: runs the target that `PALPATE_FUZZ` names. `scripts/fuzz` builds and runs
-//! it.
+//! Program for libFuzzer, which `scripts/fuzz` builds and runs: tests the target that
+//! `PALPATE_FUZZ` names.
 //!
 //! If `PALPATE_FUZZ_SEEDS` names a folder, the seeds of the target are written into it first.
 #![no_main]

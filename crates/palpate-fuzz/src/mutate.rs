@@ -68,7 +68,7 @@ impl Mutator {
         if bytes.is_empty() {
             bytes.push(0);
         }
-        // Half of the changes are at the start, which decides how the rest is read.
+        // Half of the changes are in the first 256 bytes, which decide how the rest is read.
         let reach = if self.below(2) == 0 { bytes.len().min(256) } else { bytes.len() };
         let at = self.below(reach);
         let end = |length: usize| (at + length).min(bytes.len());

@@ -532,7 +532,7 @@ fn without_held_out_touches_bands_are_those_of_other_objects() {
 
 #[test]
 fn a_known_standard_deviation_of_the_torques_does_not_narrow_bands() {
-    // A standard deviation five times as large lowers the weight of a torque, but does not change the errors.
+    // A standard deviation of five times the torque noise lowers the weight of a torque, but not the errors.
     let (arm, touches) = (arm(), touches(1));
     let bands = |std_n_m: Option<f64>| {
         let mut config = config(EstimatorKind::Map);

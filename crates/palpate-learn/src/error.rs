@@ -36,8 +36,8 @@ pub enum LearnError {
     NoTask,
     /// A field without calibrated bands.
     #[error(
-        "no touches were held out when this field was learned, so it is unknown how well touches should fit; map its logs \
-         again with at least three touches, with tuning, and without a prior or an elastic body"
+        "no touches were held out when this field was learned, so it is unknown how well touches should fit; map its \
+         logs again with at least three touches, with tuning, and without a prior or an elastic body"
     )]
     NoBands,
     /// Stopped by the caller.

@@ -21,7 +21,7 @@ pub struct Evaluation {
 
 /// Average relative error of the paper's field on a real arm (Table I).
 pub const PAPER_FIELD: f64 = 0.13;
-/// Average relative errors of the paper's three baselines from joint angles.
+/// Average relative errors of the paper's three baselines from joint angles, the best one first.
 pub const PAPER_BASELINES: [f64; 3] = [0.76, 1.48, 1.20];
 
 /// One method's row of Table I: figures of each touch, averaged over touches.

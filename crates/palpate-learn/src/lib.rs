@@ -10,7 +10,7 @@
 //! | [`mod@evaluation`]    | the result of an evaluation                                     |
 //! | [`mod@tune`]          | settings chosen by cross-validation on training touches         |
 //! | [`mod@study`]         | settings compared over several objects                          |
-//! | [`mod@change`]        | whether an object moved, softened or was replaced since mapping |
+//! | [`mod@change`]        | whether an object moved, or is softer or harder, since mapping  |
 //! | [`mod@next_touch`]    | which motion reduces the variance of a task most                |
 //! | [`mod@extrapolate`]   | stiffness of untouched cells, from a point cloud                |
 //! | [`mod@torque_errors`] | the four error figures of Table I                               |

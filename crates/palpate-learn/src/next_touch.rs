@@ -64,7 +64,7 @@ pub struct Proposal {
     pub unknown: f64,
     /// Largest predicted torque of a joint, N·m.
     pub torque_n_m: f64,
-    /// Largest predicted torque plus half-width of its band (without bands: plus twice the spread), N·m.
+    /// Largest sum of a predicted torque and the half-width of its band (without bands: twice the spread), N·m.
     pub with_band_n_m: f64,
 }
 

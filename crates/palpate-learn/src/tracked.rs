@@ -150,8 +150,8 @@ impl TrackedTouches {
     }
 
     /// How often the simulation of the body converged, if there is a body.
-    pub fn settled(&self) -> Option<ConvergenceCounts> {
-        Some(self.body.as_ref()?.settled)
+    pub fn convergence(&self) -> Option<ConvergenceCounts> {
+        Some(self.body.as_ref()?.convergence)
     }
 
     /// Every n-th frame of each touch, from the first on, without a body.

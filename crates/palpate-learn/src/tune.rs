@@ -273,7 +273,7 @@ impl Tuner {
     }
 
     /// The candidates with the noise of the sensors, from the tares of the training touches, added to
-    /// their torque noise. The first candidate, with the given settings, stays as it is.
+    /// their torque noise, unless that is given. The first candidate, with the given settings, stays as it is.
     fn with_noise_of(&self, train: &[usize]) -> Vec<MapperConfig> {
         let noise_std = self.tracked[0].1.noise_std(train);
         let mut candidates = self.search.candidates.clone();

@@ -344,7 +344,7 @@ fn the_first_candidate_is_the_body_and_no_two_candidates_are_equal() {
     let bodies = candidate_bodies(&[seen.picture(Some(EYE))], &ObjectHints::default());
     assert_eq!(bodies[0], seen.body(Some(EYE)));
     for (number, body) in bodies.iter().enumerate() {
-        assert!(!bodies[..number].contains(body), "reading {number}");
+        assert!(!bodies[..number].contains(body), "candidate {number}");
     }
 }
 

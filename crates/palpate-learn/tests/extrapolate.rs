@@ -57,7 +57,8 @@ fn is_brown([red, green, _]: [u8; 3]) -> bool {
 #[test]
 fn two_colours_of_two_stiffnesses_are_distinguished_by_torque_alone() {
     let (seen, tracked) = (object(), tracked(&[2, 8], 4));
-    let config = ExtrapolationConfig { torque_std: 0.01, ..ExtrapolationConfig::default() }; // These torques have no noise.
+    // These torques have no noise.
+    let config = ExtrapolationConfig { torque_std: 0.01, ..ExtrapolationConfig::default() };
     let at = seen.at(&tracked.points_m, config.reach_m(&tracked.lattice));
     let made = |scale: f64| {
         let k = |row: usize| match at[row] {

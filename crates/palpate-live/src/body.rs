@@ -119,7 +119,7 @@ impl LiveElasticBody {
     pub fn put_into(&self, saved: &mut SavedField) {
         let learnt = lock(&self.learnt);
         saved.field.elastic = Some(Arc::clone(&learnt.model));
-        saved.field.calibration = None; // bands are not defined for a field with a body
+        saved.field.calibration = None; // bands were calibrated for the springs alone
         saved.elastic_touches.clone_from(&learnt.touches);
         if let Some(snapshot) = &saved.snapshot {
             // The snapshot does not contain touches that began after it was taken.
@@ -291,7 +291,7 @@ fn nice_pool(name: &'static str) -> Option<ThreadPool> {
     ThreadPoolBuilder::new().thread_name(name).start_handler(nice).build().ok()
 }
 
-/// Runs `work` on a pool, or on the calling thread if there is none.
+/// Runs `work` on a pool; if there is none, on the calling thread with the common threads of rayon.
 fn on<T: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> T + Send) -> T {
     match pool {
         Some(pool) => pool.install(work),

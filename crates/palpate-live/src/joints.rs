@@ -27,8 +27,8 @@ pub(crate) enum Refusal {
     #[error("the {what} of joint `{joint}` is {found}; every number must be finite")]
     NotFinite { what: &'static str, joint: String, found: f64 },
     #[error(
-        "a joint is called `{now}`, which was `{before}` in earlier messages: is it another arm? After a change of names, \
-         start palpate again"
+        "a joint is called `{now}`, which was `{before}` in earlier messages: is it another arm? After a change of \
+         names, start palpate again"
     )]
     Renamed { now: String, before: String },
     #[error(

@@ -1,13 +1,16 @@
 //! Answers questions about planned motions while the robot moves, over a Unix socket: one line of
 //! JSON for each question and each answer.
 //!
-//! | a line with         | is answered with                                                          |
-//! |---------------------|---------------------------------------------------------------------------|
-//! | `{"path": [[q…]…]}` | `torque`, `torque_std` (N × n_joints, N·m, to a millionth), `contacts`, `known` (N), `goes_on`, `ms` |
-//! | `{"path_f64": "…"}` | the same, with `torque_f64` and `torque_std_f64` as base64                |
-//! | either, if the field has bands | also `level`, and `half_width` and `peak_half_width` (N × n_joints, N·m), or both with `_f64`; `"level": 0.8` beside the path chooses the level |
-//! | `{"tare": true}`    | `{"taring": true}`                                                        |
-//! | anything else       | `{"error": …}`, and the next line is read                                 |
+//! | a line with         | is answered with                                                                     |
+//! |---------------------|--------------------------------------------------------------------------------------|
+//! | `{"path": [[q…]…]}` | `torque`, `torque_std` (N × n_joints, N·m), `contacts`, `known` (N), `goes_on`, `ms` |
+//! | `{"path_f64": "…"}` | the same, with `torque_f64` and `torque_std_f64` as base64                           |
+//! | `{"tare": true}`    | `{"taring": true}`                                                                   |
+//! | anything else       | `{"error": …}`, and the next line is read                                            |
+//!
+//! If the field has bands, an answer about a path also has `level`, and `half_width` and
+//! `peak_half_width` (N × n_joints, N·m), or both with `_f64`; `"level": 0.8` beside the path
+//! chooses the level. Torques in lists are rounded to 1e-6 N·m.
 //!
 //! Values whose names end in `_f64` are the bytes of the numbers as base64: float64, little-endian,
 //! point by point. For 200 points of 7 joints this saves a Python client 2 ms of formatting and
@@ -45,7 +48,7 @@ use crate::question::{MAX_POINTS, PathReply, PathRequest};
 use crate::threads::{Shared, spawn};
 
 /// Largest number of connected clients.
-const MAX_ASKERS: usize = 8;
+const MAX_CLIENTS: usize = 8;
 /// Bytes allowed for a number in the longest line.
 const NUMBER: usize = 26;
 /// Bytes allowed for the rest of the longest line.
@@ -62,8 +65,8 @@ const ACCEPT: Duration = Duration::from_millis(2);
 pub(crate) enum Request {
     /// Hand out a path predictor with clusters of this weight, in average springs.
     Predictor(f64, Sender<PathPredictor>),
-    /// Save the field; the answer is the number of the checkpoint, or `None` if the previous one is not written
-    /// yet.
+    /// Save the field; the answer is the number of the checkpoint, or `None` if an earlier one still waits for the
+    /// writer.
     Save(Sender<Option<u64>>),
 }
 
@@ -120,7 +123,7 @@ impl QuerySocket {
 
     /// Answers questions until the session ends.
     pub(crate) fn run(&self, server: &QueryServer<'_>) {
-        let askers = &Clients::default();
+        let clients = &Clients::default();
         thread::scope(|scope| {
             while server.shared.is_running() {
                 let Ok((stream, _)) = self.listener.accept() else {
@@ -128,14 +131,14 @@ impl QuerySocket {
                     continue;
                 };
                 let stream = Arc::new(stream);
-                let Some(asker) = askers.admit(&stream) else {
+                let Some(client) = clients.admit(&stream) else {
                     let _ =
                         send(&stream, error("too many programs are connected; try again later"));
                     continue;
                 };
                 spawn(scope, "answer", move || {
                     // Errors are ignored: a client may disconnect at any time.
-                    let conversation = || drop(converse(&asker, server));
+                    let conversation = || drop(converse(&client, server));
                     if catch_unwind(AssertUnwindSafe(conversation)).is_err() {
                         server
                             .shared
@@ -160,7 +163,7 @@ struct ClientSlot {
 
 /// Handle of a client in the thread of its connection; dropping it removes the client from the list.
 struct Client<'a> {
-    askers: &'a Clients,
+    clients: &'a Clients,
     stream: Arc<UnixStream>,
 }
 
@@ -168,18 +171,18 @@ impl Clients {
     /// Adds a client. If the list is full, disconnects the client that has been idle for longest; returns
     /// `None` if none is idle.
     fn admit(&self, stream: &Arc<UnixStream>) -> Option<Client<'_>> {
-        let mut seats = self.seats();
-        if seats.len() >= MAX_ASKERS {
-            let idle = seats.iter().enumerate().filter_map(|(n, seat)| Some((seat.idle?, n)));
+        let mut slots = self.slots();
+        if slots.len() >= MAX_CLIENTS {
+            let idle = slots.iter().enumerate().filter_map(|(n, slot)| Some((slot.idle?, n)));
             let (_, longest) = idle.min()?;
-            let seat = seats.swap_remove(longest);
-            let _ = seat.stream.shutdown(Shutdown::Both);
+            let slot = slots.swap_remove(longest);
+            let _ = slot.stream.shutdown(Shutdown::Both);
         }
-        seats.push(ClientSlot { stream: Arc::clone(stream), idle: Some(Instant::now()) });
-        Some(Client { askers: self, stream: Arc::clone(stream) })
+        slots.push(ClientSlot { stream: Arc::clone(stream), idle: Some(Instant::now()) });
+        Some(Client { clients: self, stream: Arc::clone(stream) })
     }
 
-    fn seats(&self) -> MutexGuard<'_, Vec<ClientSlot>> {
+    fn slots(&self) -> MutexGuard<'_, Vec<ClientSlot>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -187,16 +190,16 @@ impl Clients {
 impl Client<'_> {
     /// Records whether the client is idle, that is, does not wait for an answer.
     fn set_idle(&self, idle: bool) {
-        let mut seats = self.askers.seats();
-        if let Some(seat) = seats.iter_mut().find(|seat| Arc::ptr_eq(&seat.stream, &self.stream)) {
-            seat.idle = idle.then(Instant::now);
+        let mut slots = self.clients.slots();
+        if let Some(slot) = slots.iter_mut().find(|slot| Arc::ptr_eq(&slot.stream, &self.stream)) {
+            slot.idle = idle.then(Instant::now);
         }
     }
 }
 
 impl Drop for Client<'_> {
     fn drop(&mut self) {
-        self.askers.seats().retain(|seat| !Arc::ptr_eq(&seat.stream, &self.stream));
+        self.clients.slots().retain(|slot| !Arc::ptr_eq(&slot.stream, &self.stream));
     }
 }
 
@@ -233,8 +236,8 @@ fn file_at(path: &Path) -> io::Result<(u64, u64)> {
 }
 
 /// Answers one client, line by line.
-fn converse(asker: &Client<'_>, server: &QueryServer<'_>) -> io::Result<()> {
-    let stream = &*asker.stream;
+fn converse(client: &Client<'_>, server: &QueryServer<'_>) -> io::Result<()> {
+    let stream = &*client.stream;
     stream.set_nonblocking(false)?;
     stream.set_read_timeout(Some(LOOK))?;
     stream.set_write_timeout(Some(PATIENCE))?;
@@ -252,10 +255,10 @@ fn converse(asker: &Client<'_>, server: &QueryServer<'_>) -> io::Result<()> {
             }
             Ok(0) => return Ok(()),
             Ok(_) if line.ends_with(b"\n") => {
-                asker.set_idle(false);
+                client.set_idle(false);
                 let answer = answer(&line, server);
                 line = Vec::new(); // frees the memory of a long line
-                asker.set_idle(true);
+                client.set_idle(true);
                 send(stream, answer)?;
             }
             Ok(_) => {}
@@ -303,10 +306,10 @@ impl QueryServer<'_> {
         &self,
         work: impl FnOnce() -> Result<T, String> + Send + 'static,
     ) -> Result<T, String> {
-        let (to_asker, result) = bounded(1);
+        let (to_client, result) = bounded(1);
         let work = move || {
             let result = catch_unwind(AssertUnwindSafe(work));
-            let _ = to_asker.send(result); // fails if the session has ended
+            let _ = to_client.send(result); // fails if the session has ended
         };
         thread::Builder::new().name("path".to_owned()).spawn(work).map_err(|e| e.to_string())?;
         loop {
@@ -347,14 +350,14 @@ impl QueryServer<'_> {
         let config = PathConfig::new(resolution_cells, config.start_cells);
         if let Some((point, joint, [low, high])) = self.checker.beyond_limits(&path, LIMIT_MARGIN) {
             return Err(format!(
-                "point {point} of the path: joint {joint} (from 0) is at {:.3}, beyond its limits, {low} to {high}; is it in \
-                 another unit?",
+                "point {point} of the path: joint {joint} (from 0) is at {:.3}, beyond its limits, {low} to {high}; \
+                 is it in another unit?",
                 path[point][joint]
             ));
         }
         // The mapper prepares the predictor while the path is checked.
-        let (to_asker, from_mapper) = bounded(1);
-        let request = Request::Predictor(cluster_weight, to_asker);
+        let (to_client, from_mapper) = bounded(1);
+        let request = Request::Predictor(cluster_weight, to_client);
         self.mapper.send(request).map_err(|_| "the mapper has stopped")?;
         let (checker, body) = (self.checker.clone(), self.body.clone());
         let predict = move || {
@@ -454,7 +457,7 @@ mod tests {
             let connect = || BufReader::new(UnixStream::connect(path).unwrap());
             let asks =
                 |stream: &mut BufReader<UnixStream>| ask(stream, "{}\n")["error"].is_string();
-            let mut crowd: Vec<_> = (0..MAX_ASKERS).map(|_| connect()).collect();
+            let mut crowd: Vec<_> = (0..MAX_CLIENTS).map(|_| connect()).collect();
             assert!(crowd.iter_mut().rev().all(asks)); // the last has been idle for longest
             assert!(asks(&mut connect()));
             let mut gone = String::new();

@@ -154,7 +154,8 @@ fn path_from(base64: &str, n_joints: usize) -> Result<Vec<Vec<f64>>, String> {
     let n_joints = n_joints.max(1); // chunks must not be empty; a robot without joints has no path
     if !rest.is_empty() || !numbers.len().is_multiple_of(n_joints) {
         return Err(format!(
-            "`path_f64` has {} bytes, which is not a multiple of the {} bytes of a point of {n_joints} joints; {WANTED}",
+            "`path_f64` has {} bytes, which is not a multiple of the {} bytes of a point of {n_joints} joints; \
+             {WANTED}",
             bytes.len(),
             8 * n_joints
         ));

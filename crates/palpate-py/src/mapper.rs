@@ -33,8 +33,8 @@ use crate::watch::{long, unshown};
 /// `robot` is a `Robot`, a name or a path; `method` is `map`, the exact maximum a posteriori, or
 /// `ekf`, the paper's filter. `settings` are those of the command: the path of a TOML file or a dict
 /// of its sections; `sections` override them, such as `contact={"friction": 0.3}` or
-/// `lattice=Lattice(...)`; `palpate.settings` has all keys. `prior` is a field whose stiffness is the
-/// prior of its cells. Threads that use the same mapper wait for each other.
+/// `lattice=Lattice(...)`; `palpate.settings` has all keys. `prior` is a field whose prior means, or else
+/// learnt stiffness, are the prior means of the cells. Threads that use the same mapper wait for each other.
 ///
 /// Raises SettingsError if a setting is unknown or out of its range.
 #[pyclass(frozen, module = "palpate")]

@@ -108,7 +108,7 @@ impl Robot {
         self.arm.robot.n_joints()
     }
 
-    /// Lowest and highest position of each joint, (n_joints, 2), rad (m where prismatic); infinite where unlimited.
+    /// Lowest and highest position of each joint, (n_joints, 2), rad (m where prismatic); infinite if unlimited.
     #[getter]
     fn limits(&self, py: Python<'_>) -> Py<PyArray2<f64>> {
         let unlimited = [f64::NEG_INFINITY, f64::INFINITY];

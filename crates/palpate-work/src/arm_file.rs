@@ -1,6 +1,6 @@
 //! The file of an identified arm, `arm.toml`: what `palpate identify` writes and other commands read with `--arm`.
 //!
-//! Its keys are the fields of [`TorqueModel`]; other results of the identification are comments.
+//! Its keys are `version`, `robot` and the fields of [`TorqueModel`]; other results of the identification are comments.
 
 use std::io::ErrorKind;
 use std::path::Path;

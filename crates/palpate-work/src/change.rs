@@ -38,7 +38,7 @@ pub struct TouchComparison {
     pub comparison: Comparison,
 }
 
-/// The touches in a field's memory, tracked again under `config`.
+/// The touches in a field's memory, tracked again under `config`, but with the field's own torque convention.
 fn learnt(
     arm: &Arc<Arm>,
     config: &MapperConfig,

@@ -20,7 +20,7 @@ const FRAMES: usize = 2_000;
 pub(crate) const MIN_GRAVITY: f64 = 1.0;
 /// Torques below this, N·m, are noise of the sensors.
 const MIN_TORQUE: f64 = 0.05;
-/// The best convention is accepted if its residual is below this ratio to that of any other,
+/// A convention is accepted if its residual is at most this part of gravity and less than this part of any other's,
 pub(crate) const BETTER: f64 = 0.5;
 /// or if the slope of the torques on gravity differs by less than this from the slope that it implies.
 pub(crate) const NEAR_SLOPE: f64 = 0.3;
@@ -30,7 +30,7 @@ const EXPLAINED: f64 = 0.7;
 const MIN_SLOPE: f64 = 0.05;
 /// Slopes on gravity of an arm that carries more than its file says; larger ones are due to another unit.
 const LADEN_SLOPES: std::ops::Range<f64> = 1.3..5.0;
-/// Slopes on gravity of torques in mN·m; the upper end is for an arm that carries its own weight.
+/// Slopes on gravity of torques in mN·m; the upper end is for a payload as heavy as the arm.
 const IN_THOUSANDTHS: std::ops::Range<f64> = 800.0..2000.0;
 /// Least work from which the sign is concluded, J.
 const MIN_WORK_J: f64 = 0.005;
@@ -39,7 +39,7 @@ const MAX_BACK: f64 = 0.3;
 /// Fewest frames at rest at the start that give a tare.
 const MIN_TARE: usize = MIN_TARE_FRAMES as usize;
 
-/// What is computed of the torques of a log to decide their convention.
+/// What is computed from the torques of a log to decide their convention.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ConventionEvidence {
     /// Median over frames of the norm of the logged torque, and of that of gravity, N·m.
@@ -47,7 +47,7 @@ pub(crate) struct ConventionEvidence {
     gravity: f64,
     /// The largest torque of a joint, N·m.
     largest: f64,
-    /// Median residual of the logged torque minus that of gravity, with sign plus and with sign minus, N·m.
+    /// Median over frames of |s·τ − τ_gravity| for s = 1 and s = −1, N·m over all joints.
     after_gravity: [f64; 2],
     /// Slope of the torques on gravity, and the share of their sum of squares that it explains.
     slope: f64,
@@ -246,8 +246,8 @@ impl fmt::Display for TorqueConvention {
                 number(after_gravity[usize::from(self.torque_sign == TorqueSign::Minus)]);
             return write!(
                 f,
-                "the torques contain gravity, and their sign is {sign}: they are {slope:.2} times the torques of gravity \
-                 ({gravity} N·m), and {residual} N·m remain unexplained{}",
+                "the torques contain gravity, and their sign is {sign}: they are {slope:.2} times the torques of \
+                 gravity ({gravity} N·m), and {residual} N·m remain unexplained{}",
                 if self.evidence.is_laden() {
                     "; the arm carries more than its file says: see --payload-mass-kg, or `palpate identify`"
                 } else {
@@ -276,24 +276,26 @@ impl fmt::Display for Undecided {
         match self {
             Self::Ambiguous(_) => write!(
                 f,
-                "the data do not show whether the torques contain gravity: they are {torque} N·m, gravity would be {gravity} \
-                 N·m, and without gravity they are {plus} N·m (sign plus) or {minus} N·m (sign minus); give --gravity \
-                 included or removed, and --torque-sign"
+                "the data do not show whether the torques contain gravity: they are {torque} N·m, gravity would be \
+                 {gravity} N·m, and without gravity they are {plus} N·m (sign plus) or {minus} N·m (sign minus); give \
+                 --gravity included or removed, and --torque-sign"
             ),
             Self::Sign(_) => write!(
                 f,
-                "the torques contain no gravity (they are {torque} N·m, gravity would be {gravity} N·m), so gravity does not \
-                 show their sign, and neither does their work (up to {taken} J taken from the arm, {done} J done on it); give \
-                 --torque-sign plus if they are what the object exerts on the joints, minus if they are what the motors exert"
+                "the torques contain no gravity (they are {torque} N·m, gravity would be {gravity} N·m), so gravity \
+                 does not show their sign, and neither does their work (up to {taken} J taken from the arm, {done} J \
+                 done on it); give --torque-sign plus if they are what the object exerts on the joints, minus if they \
+                 are what the motors exert"
             ),
             Self::NoFit(_) => write!(
                 f,
-                "no combination of sign and gravity explains the torques: they are {torque} N·m, {slope:.2} times the torques of gravity \
-                 ({gravity} N·m); {}",
+                "no combination of sign and gravity explains the torques: they are {torque} N·m, {slope:.2} times \
+                 the torques of gravity ({gravity} N·m); {}",
                 if IN_THOUSANDTHS.contains(&slope.abs()) {
                     "are they in mN·m? wanted N·m"
                 } else {
-                    "a unit, the robot, a payload or the order of the joints may be wrong, or these may be motor currents, not torques"
+                    "a unit, the robot, a payload or the order of the joints may be wrong, or these may be motor \
+                     currents, not torques"
                 }
             ),
         }

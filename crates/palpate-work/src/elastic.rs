@@ -91,8 +91,8 @@ fn check_size(clouds: &[CloudWithViewpoint], name: &str) -> Result<(), WorkError
     let widest_m = spans.fold(0.0, f64::max);
     if widest_m > WIDEST_M {
         return Err(WorkError::Usage(format!(
-            "the points of `{name}` span {widest_m:.0} m; wanted an object within an arm's reach, in the frame of the robot's \
-             base and in m: are they in mm?"
+            "the points of `{name}` span {widest_m:.0} m; wanted an object within an arm's reach, in the frame of the \
+             robot's base and in m: are they in mm?"
         )));
     }
     Ok(())
@@ -176,8 +176,8 @@ pub(crate) fn simulate_bodies(
 ) -> Result<TrackedTouches, LearnError> {
     simulating((touches.len(), bodies.len()), progress, |stop_and_step| {
         let tracked = tracked.with_bodies(arm, bodies, (touches, training), stop_and_step)?;
-        let settled = tracked.settled().unwrap_or_default();
-        Ok((tracked, settled))
+        let convergence = tracked.convergence().unwrap_or_default();
+        Ok((tracked, convergence))
     })
 }
 
@@ -189,10 +189,10 @@ fn simulating<T>(
 ) -> Result<T, LearnError> {
     let expected = steps(touches, bodies) as u64;
     let bar = progress.begin(Some(expected), "touches", "simulating the elastic body");
-    let (simulated, settled) = simulate((&|| progress.stopped(), &|| bar.step()))?;
+    let (simulated, convergence) = simulate((&|| progress.stopped(), &|| bar.step()))?;
     drop(bar);
-    if settled.unsettled > 0 {
-        let percent = 100.0 * settled.unsettled as f64 / settled.samples as f64;
+    if convergence.not_converged > 0 {
+        let percent = 100.0 * convergence.not_converged as f64 / convergence.samples as f64;
         progress.note(&format!(
             "the elastic body did not come to rest in {percent:.1} % of the samples; there, its torque \
              is that of the last iteration"
@@ -220,7 +220,7 @@ pub fn learn_body(
     let mut learner = ElasticBodyLearner::new(mapper.arm(), mapper.config(), bodies);
     let learnt = simulating((touches.len(), bodies.len()), progress, |stop_and_step| {
         let model = learner.learn(touches.clone(), stop_and_step)?;
-        Ok((model, learner.settled()))
+        Ok((model, learner.convergence()))
     });
     let learnt = learnt.map_err(|error| match error {
         LearnError::Stopped => {

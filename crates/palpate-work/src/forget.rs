@@ -57,7 +57,8 @@ pub fn forget(
     let field = &saved.field;
     if field.elastic.is_some() {
         return Err(WorkError::Usage(format!(
-            "`{field_name}` holds an elastic body, which cannot forget; map the remaining logs again with --estimator elastic"
+            "`{field_name}` holds an elastic body, which cannot forget; map the remaining logs again with \
+             --estimator elastic"
         )));
     }
     let Some(snapshot) = &saved.snapshot else {

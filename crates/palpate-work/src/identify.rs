@@ -35,7 +35,8 @@ pub fn json(found: &IdentifiedArm) -> serde_json::Value {
 ///
 /// # Errors
 ///
-/// If no joint moves the link of the payload, the logs cannot be used, or on being stopped.
+/// If no joint moves the link of the payload, the logs cannot be used, the arm does not fit the
+/// held-out motion and the settings are `strict`, or on being stopped.
 pub fn run(
     arm: &Arm,
     touches: &[RecordedTouch],

@@ -102,7 +102,7 @@ impl LearningSummary {
     }
 }
 
-/// Numbers of cells, by touched and expected.
+/// Numbers of touched cells, and of cells with a prior mean of their own.
 #[derive(Debug, Clone, Copy)]
 pub struct CellCounts {
     /// Touched cells.
@@ -152,7 +152,8 @@ pub fn learn(
                 if tally.touches.is_empty() && touches.has_logs() {
                     let log = touches.log().display();
                     return Err(WorkError::from(format!(
-                        "`{log}`: no sample is left to learn from; with --split-idle the arm must stand still once before it moves"
+                        "`{log}`: no sample is left to learn from; with --split-idle the arm must stand still once \
+                         before it moves"
                     )));
                 }
                 check.check(progress)?;
@@ -220,8 +221,8 @@ fn finish_touch(
     if let Some(number) = mapper.repeated_touch() {
         let (log, name) = (touch.log.display(), &touch.name);
         progress.warn(&format!(
-            "`{log}`: touch `{name}` has the same samples as touch #{number}, which the field has learned already, so they count \
-             twice now; `palpate forget --touch '#{number}'` removes the earlier touch"
+            "`{log}`: touch `{name}` has the same samples as touch #{number}, which the field has learned already, so \
+             they count twice now; `palpate forget --touch '#{number}'` removes the earlier touch"
         ));
     }
     mapper

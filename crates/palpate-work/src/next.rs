@@ -109,8 +109,9 @@ fn check(
     if field.elastic.is_some() {
         if request.limit_n_m.is_some() {
             return Err(WorkError::Usage(
-                "the field has an elastic body, which `next` does not use: with the springs alone, it would allow motions that \
-                 exceed the limit; wanted a field of the same touches that was learned without a body (`palpate map` without --estimator elastic)"
+                "the field has an elastic body, which `next` does not use: with the springs alone, it would allow \
+                 motions that exceed the limit; wanted a field of the same touches that was learned without a body \
+                 (`palpate map` without --estimator elastic)"
                     .to_owned(),
             ));
         }

@@ -32,7 +32,7 @@ pub fn mapper(
     mapper_from(prior, arm, config, progress)
 }
 
-/// A new mapper, with prior means from a field, if one is given with its name for errors.
+/// A new mapper, with prior means from a field, if one is given; `prior` is the field and its name in errors.
 ///
 /// # Errors
 ///
@@ -61,8 +61,8 @@ fn load(path: &Path) -> Result<SavedField, WorkError> {
     let name = path.display();
     field::load(path).map_err(|error| match error {
         SavedError::Foreign { missing, .. } => WorkError::from(format!(
-            "`{name}` cannot be a prior: it is not a field of palpate, since the array `{missing}` is missing, which says \
-             to which cells of the lattice its points belong; give a field that `palpate extrapolate --field` or \
+            "`{name}` cannot be a prior: it is not a field of palpate, since the array `{missing}` is missing, which \
+             says to which cells of the lattice its points belong; give a field that `palpate extrapolate --field` or \
              `palpate map` wrote"
         )),
         other => WorkError::file(other),

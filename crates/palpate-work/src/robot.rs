@@ -52,8 +52,8 @@ pub fn warn_of_other_robot(
     };
     if !is_own {
         progress.warn(&format!(
-            "the field was learnt with another robot (`{name}`) than the one of this log (`{}`); give the robot of the field \
-             with --robot, --payload-link and --bake-spacing-m",
+            "the field was learnt with another robot (`{name}`) than the one of this log (`{}`); give the robot of the \
+             field with --robot, --payload-link and --bake-spacing-m",
             arm.robot.name()
         ));
     }

@@ -190,8 +190,8 @@ fn warn_of_untimed(touches: &[TouchTorques], progress: &dyn Progress) {
     };
     if let Some(touch) = touches.iter().find(untimed) {
         progress.warn(&format!(
-            "`{}`: touch `{}` has no time stamps, or they run backwards: viscous friction and inertia stay in its torques, \
-             and its contacts may be false alarms",
+            "`{}`: touch `{}` has no time stamps, or they run backwards: viscous friction and inertia stay in its \
+             torques, and its contacts may be false alarms",
             touch.log.display(),
             touch.name
         ));

@@ -243,8 +243,8 @@ pub fn quickly_tuned(
         Ok(None) => {
             let n = recorded.len();
             progress.note(&format!(
-                "the default settings are used, since choosing settings needs {MIN_TUNING_TOUCHES} touches in which the arm touches \
-                 something, and there are {n}{}",
+                "the default settings are used, since choosing settings needs {MIN_TUNING_TOUCHES} touches in which \
+                 the arm touches something, and there are {n}{}",
                 if is_all { "" } else { " among the samples that are used for it" }
             ));
             Ok(TunedSettings { config: config.clone(), calibration: None })
@@ -280,9 +280,9 @@ fn first_of(touches: &mut Touches, recorded: &mut Vec<RecordedTouch>) -> Result<
     Ok(true)
 }
 
-/// Keeps the touches from which settings are chosen, in their order: those with the largest torques, without touches
-/// without contact, and without weak ones if enough others are left. False if touches were left out because of their
-/// number of samples.
+/// Keeps the touches from which settings are chosen, in their order: those with the largest torques. Touches without
+/// contact are left out, and weak ones too, if there are enough others. False if touches were left out because of
+/// their number of samples.
 fn pick(
     recorded: &mut Vec<RecordedTouch>,
     (arm, config): (&Arc<Arm>, &MapperConfig),

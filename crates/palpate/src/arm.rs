@@ -51,7 +51,7 @@ pub enum ArmError {
 pub type MeshResult = Result<TriangleMesh, Box<dyn std::error::Error + Send + Sync>>;
 
 impl Arm {
-    /// Largest distance between the positions of a point of the arm at two sets of link poses, m.
+    /// Upper bound of the straight-line distance that a point of the arm moves between two sets of link poses, m.
     pub fn travel_m(&self, from: &[Isometry3<f64>], to: &[Isometry3<f64>]) -> f64 {
         travel_m(&self.surfaces, from, to)
     }

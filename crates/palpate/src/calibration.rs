@@ -7,8 +7,8 @@
 //!                                                   n: share of unknown cells among the touched points
 //! ```
 //!
-//! s is the standard deviation of the torque if the errors of the springs are independent, each with variance σ² + ρ²
-//! K². Where the torques of stiff springs cancel, |τ̂| is small but its error is not; s is large there.
+//! s is the standard deviation of the torque if the errors of the springs are independent, each with variance
+//! σ² + ρ² K². Where the torques of stiff springs cancel, |τ̂| is small but its error is not; s is large there.
 //!
 //! The numbers a, b, c and q are found on held-out touches (`palpate_learn::calibrate`). Frames of a touch are not
 //! independent, so n touches give no level above n / (n + 1): with probability 1 / (n + 1), the errors of a new touch

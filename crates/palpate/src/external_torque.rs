@@ -68,7 +68,7 @@ impl ExternalTorqueConfig {
     ///
     /// # Errors
     ///
-    /// If there is not one torque for each joint, or a torque is NaN or larger than [`MAX_TORQUE`].
+    /// If there is not one torque for each joint, or a torque is NaN or beyond ±[`MAX_TORQUE`].
     pub fn untared(
         &self,
         robot: &Robot,

@@ -48,19 +48,19 @@
 //!
 //! # Overview
 //!
-//! | to                        | use                                                                |
-//! |---------------------------|--------------------------------------------------------------------|
-//! | describe the robot        | [`Robot`], with a [`Payload`]; [`Arm`] adds the signed distances of its links, baked with a [`BakeConfig`]; [`RobotError`], [`ArmError`] |
-//! | place the field           | [`Lattice`] of cells ([`CellId`]); [`LatticeError`]                |
-//! | set the contact model     | [`ContactConfig`]                                                  |
-//! | set the convention of the logged torques | [`ExternalTorqueConfig`]: [`TorqueSign`], [`Gravity`], [`Tare`]  |
-//! | subtract the arm's own torque | [`TorqueModel`] of [`JointModel`]s with [`JointFriction`], [`Ripple`] and [`TorqueNoise`]: [`external_torques`] gives an [`ExternalTorque`] for each sample of a log, a [`TorqueStream`] for one sample after the other; a contact is detected where [`ExternalTorque::statistic`] exceeds the threshold of a [`FalseAlarmModel`] |
-//! | choose the estimator      | [`EstimatorKind`] with an [`EstimatorConfig`]: [`Prior`], [`MemoryLimits`] |
-//! | learn from samples        | [`Mapper`] with a [`MapperConfig`] and a [`ReplayPolicy`]; [`Sample`] in, [`StepReport`] out, [`Snapshot`] to save and continue; [`MapperError`], [`TrackerError`], [`EstimatorError`], [`SettingError`] |
-//! | get prediction bands      | [`Calibration`] of a [`Field`], with [`BandQuantiles`]        |
-//! | read the result           | [`Field`], a [`CellEstimate`] for each cell; the present [`Contacts`] |
-//! | predict logged motions    | [`Predictor`], a [`Prediction`] for each sample                    |
-//! | predict planned motions   | [`PathPredictor`] with a [`PathConfig`]: a [`PathPrediction`] of [`PathPoint`]s; [`PathError`] |
+//! | to                                       | use                                                                |
+//! |------------------------------------------|--------------------------------------------------------------------|
+//! | describe the robot                       | [`Robot`], with a [`Payload`]; [`Arm`] adds the signed distances of its links, baked with a [`BakeConfig`]; [`RobotError`], [`ArmError`] |
+//! | place the field                          | [`Lattice`] of cells ([`CellId`]); [`LatticeError`]                |
+//! | set the contact model                    | [`ContactConfig`]                                                  |
+//! | set the convention of the logged torques | [`ExternalTorqueConfig`]: [`TorqueSign`], [`Gravity`], [`Tare`]    |
+//! | subtract the arm's own torque            | [`TorqueModel`] of [`JointModel`]s with [`JointFriction`], [`Ripple`] and [`TorqueNoise`]: [`external_torques`] gives an [`ExternalTorque`] for each sample of a log, a [`TorqueStream`] for one sample after the other; a contact is detected where [`ExternalTorque::statistic`] exceeds the threshold of a [`FalseAlarmModel`] |
+//! | choose the estimator                     | [`EstimatorKind`] with an [`EstimatorConfig`]: [`Prior`], [`MemoryLimits`] |
+//! | learn from samples                       | [`Mapper`] with a [`MapperConfig`] and a [`ReplayPolicy`]; [`Sample`] in, [`StepReport`] out, [`Snapshot`] to save and continue; [`MapperError`], [`TrackerError`], [`EstimatorError`], [`SettingError`] |
+//! | get prediction bands                     | [`Calibration`] of a [`Field`], with [`BandQuantiles`]             |
+//! | read the result                          | [`Field`], a [`CellEstimate`] for each cell; the present [`Contacts`] |
+//! | predict logged motions                   | [`Predictor`], a [`Prediction`] for each sample                    |
+//! | predict planned motions                  | [`PathPredictor`] with a [`PathConfig`]: a [`PathPrediction`] of [`PathPoint`]s; [`PathError`] |
 //!
 //! [`unstable`] exports what the other crates of palpate use: contact simulators, observations, estimators. It may
 //! change in any release, and so may fields and arguments of the types above whose own types are exported only there.

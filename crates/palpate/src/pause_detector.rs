@@ -28,7 +28,7 @@ use crate::tracker::Sample;
 #[non_exhaustive]
 pub struct PauseConfig {
     /// The arm counts as standing still while no joint is farther than this from its position at
-    /// the start of the pause, rad (m for a prismatic joint).
+    /// the start of the pause, in a longer pause `idle_s` ago, rad (m for a prismatic joint).
     pub still_rad: f64,
     /// Duration of standing still that makes a pause, s, by the clock of the samples.
     pub idle_s: f64,
@@ -36,7 +36,8 @@ pub struct PauseConfig {
     pub idle_samples: u32,
     /// In a pause, time since the start of a touch after which a new touch begins, s.
     pub renew_s: f64,
-    /// In a pause, number of samples after which a new touch begins, if samples have no time.
+    /// In a pause, number of samples since the start of a touch after which a new touch begins, if
+    /// samples have no time.
     pub renew_samples: u32,
 }
 

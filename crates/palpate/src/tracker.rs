@@ -49,9 +49,9 @@ pub enum TrackerError {
     /// The wrong number of joint torques.
     #[error("got {got} joint torques, the robot has {expected} moving joints")]
     TorqueCount { expected: usize, got: usize },
-    /// Standard deviations that are missing, negative, NaN or too large.
+    /// The wrong number of standard deviations, or one that is negative, NaN or too large.
     #[error(
-        "the standard deviations of the torques are {found:?}; wanted {expected} numbers from 0 N·m on"
+        "the standard deviations of the torques are {found:?}; wanted {expected} from 0 to {MAX_TORQUE} N·m"
     )]
     TorqueStd { expected: usize, found: Vec<f64> },
     /// A torque model that is invalid or of another arm.
@@ -113,8 +113,8 @@ pub struct TrackedSample {
 }
 
 /// Weights for [`crate::unstable::Observation::weighted`], for torques with standard deviations `tau_std`, n_joints,
-/// N·m: an estimator with noise `torque_std` (one for all joints, or one for each) then uses the noise `√(torque_std² +
-/// tau_std²)`.
+/// N·m: an estimator with noise `torque_std` (one for all joints, or one for each) then uses the noise
+/// `√(torque_std² + tau_std²)`.
 pub fn torque_weights(tau_std: &[f64], torque_std: &[f64]) -> Vec<f64> {
     let own = |joint: usize| torque_std[joint.min(torque_std.len() - 1)];
     let joints = tau_std.iter().enumerate();

@@ -105,7 +105,7 @@ fn points_inside_the_links_at_the_start_are_never_contacts_of_that_touch() {
     // It leaves them all, and comes back: they are as empty as before.
     assert!(world.go([0.12, 0.0, 0.0], [-0.05, 0.0, 0.0]).is_empty());
     assert!(world.go([-0.05, 0.0, 0.0], start).is_empty());
-    // A touch that begins elsewhere knows nothing of that.
+    // In a touch that begins elsewhere they are not empty.
     let away = [-0.05, 0.0, 0.0];
     world.simulator.begin_touch(&arm.robot.forward(&away).unwrap().world_from_link);
     let back = world.go(away, start);

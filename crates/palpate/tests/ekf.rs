@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use scene::{cells_with, centimetre_lattice, config, contacts, gantry_urdf, hinge, uniform};
 
-/// Frames of a gantry in which no joint feels two cells at once: each of three cells is pushed
+/// Frames of a gantry in which no joint's torque is that of two cells: each of three cells is pushed
 /// along its own axis, or not at all. H S Hᵀ is then diagonal, and so stays the covariance.
 fn diagonal_frames(count: usize) -> (CellRows, Vec<Observation>) {
     let mut rng = ChaCha8Rng::seed_from_u64(8);

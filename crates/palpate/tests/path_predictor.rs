@@ -73,7 +73,7 @@ fn taught(mut mapper: Mapper) -> Mapper {
     mapper
 }
 
-/// What a predictor says of a whole touch.
+/// Predictions for all samples of a touch.
 fn predictions(mapper: &Mapper, path: &[Vec<f64>]) -> Vec<palpate::Prediction> {
     let (field, touch) = (mapper.field(), mapper.config().touch.clone());
     let mut predictor = Predictor::new(arm(), &field, touch).unwrap();
@@ -298,7 +298,7 @@ fn bands_are_those_of_the_arm_that_learnt_the_field() {
         let answer = predictor.ask(&push(0.01, 90), &EVERY_POINT).unwrap();
         let widths = answer.half_width(0.9);
         assert_eq!(widths.is_some(), has_bands);
-        // As wide as the predictor of frames says.
+        // The bands are as wide as those of the predictor of frames.
         let mut frames = Predictor::new(arm(), &field, learnt().config().touch.clone()).unwrap();
         frames.begin_touch();
         for (q, width) in push(0.01, 90).iter().zip(widths.unwrap_or_default()) {

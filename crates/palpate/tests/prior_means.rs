@@ -155,11 +155,11 @@ fn a_true_prior_predicts_torques_before_any_touch() {
         Mapper::with_prior(arm(), mapping(EstimatorKind::Map), &everywhere(2.0)).unwrap().field();
     assert_eq!(field.cells.len() as u64, lattice().n_cells());
     assert!(field.cells.is_sorted() && field.counts.iter().all(|&count| count == 0));
-    // The truth: a bed of 2 N/m wherever one asks.
+    // The truth: a bed of 2 N/m everywhere.
     let truth = Field::new(lattice(), field.contact.clone(), field.touch.clone(), 2.0);
     let (torques, known) = predicted(&field);
     assert_eq!((&torques, known), (&predicted(&truth).0, 0));
-    assert!(torques.iter().flatten().any(|tau| tau.abs() > 0.1), "the ball must feel something");
+    assert!(torques.iter().flatten().any(|tau| tau.abs() > 0.1), "the motion must have torques");
 
     // Nor does learning just these torques change anything.
     let mut mapper =

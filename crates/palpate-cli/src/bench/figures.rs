@@ -74,7 +74,7 @@ pub(super) struct Parts {
     pub simulator_ms: f64,
     /// Median time of the update, on one thread.
     pub update_ms: f64,
-    /// Median time of the replays per contact visited, ns; that of the update without replays.
+    /// Median time of the replays per contact visited, ns; without replays, that of the update.
     pub ns_per_visit: f64,
     /// Median time of the whole update per contact visited, with the observation, prediction,
     /// correction and standard deviation of the new frame, ns.

@@ -41,7 +41,7 @@ pub(super) trait Learner {
     fn end_touch(&mut self) -> Result<(), MapperError>;
 }
 
-/// Passes the touches of all passes to a learner, until Ctrl-C.
+/// Feeds the touches of all passes to a learner, until Ctrl-C.
 pub(super) fn play(
     touches: &[RecordedTouch],
     passes: Passes,

@@ -78,7 +78,8 @@ pub(super) fn convert(
     if let Some(names) = joints.as_ref().filter(|_| is_arrays && !is_of_robot) {
         let names = names.join(", ");
         output.note(&format!(
-            "arrays contain no joint names; their columns are in the order of the log: {names}; with --robot, in the robot's order"
+            "arrays contain no joint names; their columns are in the order of the log: {names}; with --robot, in the \
+             robot's order"
         ));
     }
     let joints = match (format, joints) {

@@ -86,8 +86,8 @@ impl EvaluationSummary {
             if let Some(others) = &method.coverage_of_other_objects {
                 let _ = writeln!(
                     text,
-                    "Bands calibrated on other objects would contain {:.0} % of the torques and {:.0} % of the largest ones; mean \
-                     half-width {:.3} N·m.",
+                    "Bands calibrated on other objects would contain {:.0} % of the torques and {:.0} % of the \
+                     largest ones; mean half-width {:.3} N·m.",
                     100.0 * others.torque_share,
                     100.0 * others.peak_share,
                     others.half_width_n_m

@@ -58,7 +58,7 @@ const colourings = [
   },
   {
     name: "touched or not",
-    said: "coloured by whether the arm touched what is there",
+    said: "coloured by whether the arm touched the cell there",
     marker: () => ({
       color: touched,
       cmin: 0,

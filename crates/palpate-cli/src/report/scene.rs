@@ -21,7 +21,7 @@ use super::packed::{four_digits, seven, tenths};
 
 /// Largest number of cells shown: the stiffest ones.
 const POINTS: usize = 20_000;
-/// Number of frames in which an elastic body is shown, in all touches together, at most about this.
+/// About the largest number of frames in which an elastic body is shown, in all touches together.
 const BODY_FRAMES: usize = 800;
 /// Largest number of points shown of a cloud.
 const CLOUD_POINTS: usize = 4_000;

@@ -1,13 +1,14 @@
 //! The arrays of an elastic body in the file of a field.
 //!
-//! | array           | shape | type | unit | meaning                                                    |
-//! |-----------------|-------|------|------|------------------------------------------------------------|
-//! | `elastic`       | bytes | u8   |      | JSON: bodies and their weights, friction, creep             |
-//! | `residual_cells` | R    | u32  |      | indices of the touched cells                                |
-//! | `K_residual`    | R     | f64  | N/m  | stiffness of these cells that explains the residual of the bodies |
-//! | `elastic_touch` | T x 2 | u32  |      | for each learnt touch: number of samples, 1 if they have times |
-//! | `elastic_time`  | S     | f64  | s    | times of the samples of all touches; 0 where there are none |
-//! | `elastic_q`, `elastic_tau` | S x n | f64 | | positions (rad or m) and torques (N·m) of these samples, as logged |
+//! | array            | shape | type | unit     | meaning                                                        |
+//! |------------------|-------|------|----------|----------------------------------------------------------------|
+//! | `elastic`        | bytes | u8   |          | JSON: bodies and their weights, friction, creep                |
+//! | `residual_cells` | R     | u32  |          | indices of the touched cells                                   |
+//! | `K_residual`     | R     | f64  | N/m      | stiffness of these cells that explains the bodies' residual    |
+//! | `elastic_touch`  | T x 2 | u32  |          | for each learnt touch: number of samples, 1 if they have times |
+//! | `elastic_time`   | S     | f64  | s        | times of the samples of all touches; 0 where there are none    |
+//! | `elastic_q`      | S x n | f64  | rad or m | positions of these samples, as logged                          |
+//! | `elastic_tau`    | S x n | f64  | N·m      | torques of these samples, as logged                            |
 //!
 //! The last four arrays exist only if mapping can be continued from the file.
 

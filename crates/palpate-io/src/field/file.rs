@@ -35,7 +35,7 @@ pub struct FieldLattice {
 }
 
 impl From<&Field> for FieldFile {
-    /// All of a field except its prior means, which a [`Field`] does not contain.
+    /// The lattice and the cells of a field, without prior means, which a [`Field`] does not contain.
     fn from(field: &Field) -> Self {
         Self {
             points: field.cells.iter().map(|&cell| field.lattice.point(cell).into()).collect(),

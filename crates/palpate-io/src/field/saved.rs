@@ -2,21 +2,21 @@
 //!
 //! In addition to the arrays of [`super::FieldFile`]:
 //!
-//! | array           | shape    | type | meaning                                               |
-//! |-----------------|----------|------|-------------------------------------------------------|
-//! | `palpate`       | bytes    | u8   | JSON: format, settings, robot, random generator       |
-//! | `state_mean`    | N        | f64  | z of `map` or mean of κ of `ekf`, N/m                 |
-//! | `state_variance`| N        | f64  | (N/m)²                                                |
-//! | `state_seen`    | N or 0   | u64  | `ekf`: step of each cell's last drift                 |
-//! | `memory_frame`  | F x 2    | u32  | touch and sample of each remembered frame             |
-//! | `memory_alpha`  | F x n    | f64  | multipliers of each remembered frame (`map`; F x 0 for `ekf`) |
-//! | `memory_nis`    | F or 0   | f64  | `map`: normalised innovation squared of each frame at its last visit (0 for `ekf`) |
-//! | `log_touch`     | T x 3    | u32  | number of the touch, its number of samples, 1 if it has not ended |
-//! | `log_q`, `log_tau` | S x n | f64  | positions (rad or m) and torques (N·m) of all samples of these touches, as logged |
-//! | `log_skipped`   | S        | u8   | 1 for a sample that was not learnt because it came too soon after another; only if there are any |
-//! | `log_tau_std`   | S x n    | f64  | standard deviations of these torques, N·m, only for an identified arm; −1 where a sample has none |
+//! | array              | shape  | type | meaning                                                                     |
+//! |--------------------|--------|------|-----------------------------------------------------------------------------|
+//! | `palpate`          | bytes  | u8   | JSON: format, settings, robot, random generator                             |
+//! | `state_mean`       | N      | f64  | z of `map` or mean of κ of `ekf`, N/m                                       |
+//! | `state_variance`   | N      | f64  | (N/m)²                                                                      |
+//! | `state_seen`       | N or 0 | u64  | `ekf`: step of each cell's last drift                                       |
+//! | `memory_frame`     | F x 2  | u32  | touch and sample of each remembered frame                                   |
+//! | `memory_alpha`     | F x n  | f64  | multipliers of each remembered frame (`map`; F x 0 for `ekf`)               |
+//! | `memory_nis`       | F or 0 | f64  | normalised innovation squared of each frame at its last visit (0 for `ekf`) |
+//! | `log_touch`        | T x 3  | u32  | number of the touch, its number of samples, 1 if it has not ended           |
+//! | `log_q`, `log_tau` | S x n  | f64  | positions (rad or m) and torques (N·m) of all these samples, as logged      |
+//! | `log_skipped`      | S      | u8   | 1 for a sample that was not learnt: too soon after another; only if any     |
+//! | `log_tau_std`      | S x n  | f64  | standard deviations of these torques, N·m; −1 where a sample has none       |
 //!
-//! A field with an elastic body has more arrays: [`super::elastic`].
+//! `log_tau_std` exists only for an identified arm. A field with an elastic body has more arrays: [`super::elastic`].
 //!
 //! The arrays from `state_mean` on exist only if mapping can be continued from the file. The
 //! contacts of remembered frames are not stored: they are simulated again from the sample log, which
@@ -306,7 +306,9 @@ fn from_arrays(arrays: &Arrays) -> Result<SavedField, SavedError> {
     }
     let untouched = field.untouched_n_per_m;
     if !(untouched >= 0.0 && untouched.is_finite()) {
-        let what = format!("the stiffness of untouched cells is {untouched} N/m; wanted 0 or more");
+        let what = format!(
+            "the stiffness of untouched cells is {untouched} N/m; wanted a finite number from 0 on"
+        );
         return Err(contradiction(arrays, what));
     }
     if let Some(cell) = field.cells.iter().find(|cell| !field.lattice.contains(**cell)) {

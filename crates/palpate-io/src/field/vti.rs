@@ -44,7 +44,7 @@ fn fill(out: &mut impl Write, field: &FieldFile) -> io::Result<()> {
     let points: u64 = sides.iter().product();
     if points > MAX_POINTS {
         return Err(refused(format!(
-            "its cells span {points} points, an image may have {MAX_POINTS}; write it as .ply"
+            "its cells span {points} points, an image may have at most {MAX_POINTS}; write it as .ply"
         )));
     }
 

@@ -109,7 +109,7 @@ pub enum LogWarning {
          first touch starts"
     )]
     LeftOut {
-        /// Number of messages that contain other joints.
+        /// Number of messages that do not contain all joints that are read.
         other_joints: u64,
         /// Number of messages before the first touch starts.
         before_touch: u64,

@@ -1,6 +1,6 @@
 //! Touches as folders of npy files, the layout of OpenVSF: `seq_0/angles.npy`, `torques.npy`.
 //!
-//! | file          | or a name as of a CSV column             | shape      | unit | needed |
+//! | file          | or a name like that of a CSV column      | shape      | unit | needed |
 //! |---------------|------------------------------------------|------------|------|--------|
 //! | `angles.npy`  | `q.npy`, `joint_positions.npy`, ...      | T x n      | rad  | yes    |
 //! | `torques.npy` | `tau.npy`, `measured_torques.npy`, ...   | T x n      | N·m  | yes    |
@@ -47,8 +47,8 @@ struct Arrays {
 }
 
 impl Arrays {
-    /// The arrays with the names of OpenVSF; for each that is missing, the only array with another
-    /// known name.
+    /// The arrays with the names of OpenVSF; instead of a missing one, the only array with another
+    /// known name, and as time the first such array.
     fn of(folder: &Path) -> Self {
         let (arrays, names) = Self::named(folder);
         let called = |name: &str, spelling: &Spelling| {

@@ -45,14 +45,15 @@ impl<W: Write> TableWriter<W> {
     ///
     /// # Errors
     ///
-    /// If it cannot be written, or if only one of this and the first sample has a time.
+    /// If it cannot be written, or differs from the first sample in the number of joints or in
+    /// having a time.
     pub fn sample(&mut self, sample: &Sample) -> io::Result<()> {
         let timed = match self.timed {
             Some(timed) => timed,
             None => self.header(sample)?,
         };
         if timed != sample.time_s.is_some() {
-            return Err(unlike("only one of them has a time"));
+            return Err(refused("only one of it and the first sample has a time"));
         }
         let mut row = vec![self.names.latest().to_owned()];
         row.extend(sample.time_s.map(|time_s| time_s.to_string()));
@@ -148,7 +149,7 @@ impl ArraysWriter {
     /// If it cannot be written, or differs from the first sample of the touch in the number of
     /// joints or in having a time.
     pub fn sample(&mut self, sample: &Sample) -> io::Result<()> {
-        let touch = self.touch.as_mut().ok_or_else(|| unlike("no touch was started for it"))?;
+        let touch = self.touch.as_mut().ok_or_else(|| refused("no touch was started for it"))?;
         touch.sample(sample)
     }
 
@@ -202,7 +203,7 @@ impl Touch {
         }
         let Some((angles, torques, time)) = &mut self.files else { return Ok(()) };
         if sample.q.len() != self.joints || sample.tau.len() != self.joints {
-            return Err(unlike("it has another number of joints"));
+            return Err(refused("it has another number of joints than the first sample"));
         }
         let put = |file: &mut BufWriter<File>, values: &[f64]| {
             values.iter().try_for_each(|value| file.write_all(&value.to_le_bytes()))
@@ -212,7 +213,7 @@ impl Touch {
         match (time, sample.time_s) {
             (Some(file), Some(time_s)) => put(file, &[time_s])?,
             (None, None) => {}
-            _ => return Err(unlike("only one of them has a time")),
+            _ => return Err(refused("only one of it and the first sample has a time")),
         }
         self.rows += 1;
         Ok(())
@@ -235,7 +236,7 @@ impl Touch {
     }
 }
 
-fn unlike(what: &str) -> io::Error {
-    let what = format!("a sample does not fit the first one: {what}");
+fn refused(reason: &str) -> io::Error {
+    let what = format!("a sample cannot be written: {reason}");
     io::Error::new(io::ErrorKind::InvalidData, what)
 }

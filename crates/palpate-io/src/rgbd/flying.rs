@@ -19,7 +19,7 @@ use super::images::DepthImage;
 pub struct FlyingPixels {
     /// Largest difference between neighbours on the same surface, m per metre of depth.
     pub same_m_per_m: f64,
-    /// Number of neighbours of the same depth from which a pixel is not flying.
+    /// Smallest number of neighbours of the same depth of a pixel that is not flying.
     pub enough: usize,
 }
 

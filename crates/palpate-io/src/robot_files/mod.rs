@@ -1,12 +1,12 @@
 //! Loads robots: a built-in one by its name, or a URDF with its meshes.
 //!
-//! | file    | content                                          |
-//! |---------|--------------------------------------------------|
-//! | `find`  | search for mesh files, such as `package://` URLs |
-//! | `mesh`  | triangles of STL, OBJ and, with `dae`, COLLADA   |
-//! | `xml`   | XML parsing with limited depth                   |
-//! | `inertia` | writing masses and inertias into a URDF        |
-//! | `cache` | cache of baked links between runs                |
+//! | file      | content                                          |
+//! |-----------|--------------------------------------------------|
+//! | `find`    | search for mesh files, such as `package://` URLs |
+//! | `mesh`    | triangles of STL, OBJ and, with `dae`, COLLADA   |
+//! | `xml`     | XML parsing with limited depth                   |
+//! | `inertia` | writing masses and inertias into a URDF          |
+//! | `cache`   | cache of baked links between runs                |
 //!
 //! The crate `palpate` interprets the URDF and bakes the shapes.
 

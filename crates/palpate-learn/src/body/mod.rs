@@ -88,8 +88,8 @@ impl ObjectHints {
 /// a joint represents. The same pictures give the same bodies. Cost: 0.1 s for 30,000 points, and a second
 /// to guess a viewpoint.
 ///
-/// All bodies are different. If no branch is found, or stems, branches and leaves leave two fifths of the
-/// points unexplained, the only body is a cushion of blocks; there is none if nothing is above the lowest
+/// All bodies are different. If no branch is found, or stems, branches and leaves leave more than two fifths of
+/// the points unexplained, the only body is a cushion of blocks; there is none if nothing is above the lowest
 /// point. If the kind of the object is given, only bodies of this kind are made; an object with roots is a
 /// plant.
 ///

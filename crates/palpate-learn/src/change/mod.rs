@@ -50,8 +50,8 @@ const LEAVES_MOVED: f64 = 0.9;
 /// [`LEAVES`] and [`LEAVES_MOVED`] of a motion for repeated touches: there a motion is less exact than a factor.
 const LEAVES_REPEATED: f64 = 0.7;
 const LEAVES_MOVED_REPEATED: f64 = 2.0;
-/// For repeated touches, a factor is exact if its residual is at most these fractions of the squared error, or of the
-/// squared torque.
+/// For repeated touches, a factor is exact if its residual is at most the first fraction of the squared error, or at
+/// most the second of the squared torque and smaller than that of the motion.
 const EXACTLY: [f64; 2] = [0.01, 0.05];
 /// Smaller misfits count as this.
 const MIN_MISFIT: f64 = 1e-3;

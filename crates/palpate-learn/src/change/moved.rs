@@ -207,8 +207,8 @@ fn refine(
     Ok((at, least))
 }
 
-/// The field of the object after a motion: stiffness and standard deviation by linear interpolation between cells. Cells
-/// with less than half of their interpolation weight on known cells are left out.
+/// The field of the object after a motion: stiffness and standard deviation by linear interpolation between cells.
+/// Cells with less than half of their interpolation weight on known cells are left out.
 pub fn moved(field: &Field, motion: ObjectMotion) -> Field {
     let rows = CellRows::of(field.lattice.clone(), &field.cells);
     let mut cells: Vec<CellId> = (field.cells.iter())

@@ -36,8 +36,8 @@ impl ElasticBodyLearner {
     }
 
     /// How often the simulation of the bodies converged.
-    pub fn settled(&self) -> ConvergenceCounts {
-        self.torques.settled
+    pub fn convergence(&self) -> ConvergenceCounts {
+        self.torques.convergence
     }
 
     /// Learns more touches, and returns the body that explains all touches so far. After an error the learner is as

@@ -29,7 +29,7 @@ pub(crate) struct BodyTorques {
     /// with those that training touches choose.
     simulated: Vec<Vec<Simulated>>,
     /// Convergence of the simulations so far.
-    pub(crate) settled: ConvergenceCounts,
+    pub(crate) convergence: ConvergenceCounts,
 }
 
 /// How often the simulation of a body converged to rest.
@@ -37,9 +37,9 @@ pub(crate) struct BodyTorques {
 pub struct ConvergenceCounts {
     /// Simulated samples; a sample counts once for each contact and body.
     pub samples: u64,
-    /// Samples in which the most iterations were reached before the body was at rest; their torque is that
+    /// Samples in which the iteration limit was reached before the body was at rest; their torque is that
     /// of the last iteration.
-    pub unsettled: u64,
+    pub not_converged: u64,
 }
 
 /// Number of calls of `step` for the simulation of `bodies` along `touches`.
@@ -52,7 +52,7 @@ impl BodyTorques {
     pub(crate) fn new(bodies: &[Arc<ElasticBody>]) -> Self {
         assert!(!bodies.is_empty(), "the caller gave a body");
         let simulated = vec![vec![Vec::new(); bodies.len()]; CONTACT_CANDIDATES.len()];
-        Self { bodies: bodies.to_vec(), simulated, settled: ConvergenceCounts::default() }
+        Self { bodies: bodies.to_vec(), simulated, convergence: ConvergenceCounts::default() }
     }
 
     /// Simulates the touches that are new, in parallel; the result does not depend on the number of
@@ -108,10 +108,10 @@ impl BodyTorques {
         };
         let all: Result<Vec<_>, LearnError> =
             jobs.par_iter().with_max_len(1).map(simulate).collect();
-        for ([contact, body, _], (torques, settled)) in jobs.iter().zip(all?) {
+        for ([contact, body, _], (torques, convergence)) in jobs.iter().zip(all?) {
             self.simulated[*contact][*body].push(torques);
-            self.settled.samples += settled.samples;
-            self.settled.unsettled += settled.unsettled;
+            self.convergence.samples += convergence.samples;
+            self.convergence.not_converged += convergence.not_converged;
         }
         Ok(())
     }
@@ -148,14 +148,14 @@ fn follow(
 ) -> Result<(Vec<DMatrix<f64>>, ConvergenceCounts), LearnError> {
     let frames = &tracked.touches[number].frames;
     let mut torques = Vec::with_capacity(frames.len());
-    let mut settled = ConvergenceCounts { samples: 0, unsettled: 0 };
+    let mut convergence = ConvergenceCounts { samples: 0, not_converged: 0 };
     let (mut before_s, mut downsampling) = (None::<f64>, Downsampling::default());
     for (sample, logged) in touch.samples.iter().enumerate() {
         unless_stopped(stop)?;
         if !downsampling.takes(logged) {
             continue; // this sample becomes no frame
         }
-        settled.samples += 1;
+        convergence.samples += 1;
         let passed_s = logged.time_s.zip(before_s).map(|(now, before)| now - before);
         before_s = logged.time_s;
         let at = |error: RobotError| {
@@ -163,12 +163,12 @@ fn follow(
             LearnError::Sample { touch: number, sample, source }
         };
         let poses = equilibrium.arm().robot.forward(&logged.q).map_err(at)?;
-        settled.unsettled +=
-            u64::from(equilibrium.advance(&poses.world_from_link, passed_s).unsettled > 0);
+        convergence.not_converged +=
+            u64::from(equilibrium.advance(&poses.world_from_link, passed_s).not_converged > 0);
         if frames.get(torques.len()).is_some_and(|frame| frame.sample as usize == sample) {
             torques.push(equilibrium.torques(&poses));
         }
     }
     assert_eq!(torques.len(), frames.len(), "the touches are those that were tracked");
-    Ok((torques, settled))
+    Ok((torques, convergence))
 }

@@ -16,7 +16,7 @@ pub struct Extrapolation {
     pub stiffness_n_per_m: Vec<f64>,
     /// Standard deviation of the regression over features, N/m, without the variation between points of equal features.
     pub std_n_per_m: Vec<f64>,
-    /// Whether the cell of each point was touched.
+    /// Whether the cell in which each point lies was touched.
     pub touched: Vec<bool>,
 }
 

@@ -65,7 +65,8 @@ pub enum IdentifyError {
     TooShort { found: usize, wanted: usize },
     /// No joint moves.
     #[error(
-        "no joint moves by more than {wanted} rad, so nothing can be determined; move all of them, as `palpate excite` does"
+        "no joint moves by more than {wanted} rad, so nothing can be determined; move all of them, as \
+         `palpate excite` does"
     )]
     NoMotion { wanted: f64 },
     /// All torques are constant.
@@ -77,8 +78,8 @@ pub enum IdentifyError {
     /// Gravity is already subtracted from the torques.
     #[error(
         "the torques contain no gravity: the robot has subtracted it, with its own values of masses and friction; \
-         identification needs the measured torques (of a Franka `tau_J`, not `tau_ext_hat_filtered`); if the torques do \
-         contain gravity, give --gravity included"
+         identification needs the measured torques (of a Franka `tau_J`, not `tau_ext_hat_filtered`); if the torques \
+         do contain gravity, give --gravity included"
     )]
     GravityRemoved,
     /// A payload on a link that does not move.

@@ -3,7 +3,8 @@
 //! The unknowns, in this order:
 //!
 //! ```text
-//! [ Δπ (10 · n_bodies) | payload (10) | delay | by joint: gain − 1, friction and drive, bias, slopes, offset and drift by touch ]
+//! [ Δπ (10 · n_bodies) | payload (10) | delay |
+//!   by joint: gain − 1, friction and drive, bias, slopes, offset and drift by touch ]
 //! ```
 //!
 //! with the priors of [`super::prior`]. Gains multiply the torque of the masses, so the problem is not linear: each

@@ -51,7 +51,7 @@ pub struct IdentifiedArm {
     pub held_out: HeldOutResiduals,
     /// What may be wrong, if the model does not fit held-out motion.
     pub misfit: Option<String>,
-    /// What cannot be determined, and why.
+    /// What is suspect or cannot be determined, and why.
     pub notes: Vec<String>,
 }
 
@@ -341,8 +341,8 @@ fn of_gains(identified: &IdentifiedArm) -> Option<String> {
                 .to_owned(),
         ),
         _ => Some(format!(
-            "the gain of {} is negative, and those of other joints are not: has its torque the opposite sign, is it the torque \
-             of another joint, or did the joint hardly move?",
+            "the gain of {} is negative, and those of other joints are not: does its torque have the opposite \
+             sign, is it the torque of another joint, or did the joint hardly move?",
             negative.join(", ")
         )),
     }
@@ -369,8 +369,8 @@ fn notes(
     let mut notes = Vec::new();
     if identified.touched > 0.0 {
         notes.push(format!(
-            "in {:.1} % of the samples the torques are far from what free motion explains, as when something is touched; \
-             these are left out",
+            "in {:.1} % of the samples the torques are far from what free motion explains, as when something is \
+             touched; these are left out",
             100.0 * identified.touched
         ));
     }
@@ -384,7 +384,8 @@ fn notes(
     }
     if identified.timed && !has_settled {
         notes.push(
-            "delay and presliding distances did not converge: faster reversals, or a higher sampling rate, distinguish them"
+            "delay and presliding distances did not converge: faster reversals, or a higher sampling rate, \
+             distinguish them"
                 .to_owned(),
         );
     }
@@ -401,8 +402,8 @@ fn notes(
     let payload = &identified.payload;
     if payload.mass_kg.std > 0.5 * payload.mass_kg.value.abs().max(1.0) {
         notes.push(format!(
-            "the payload cannot be determined: its mass has a standard deviation of {:.2} kg; the torque of gravity must \
-             change at the joints that carry it, but it does not at vertical axes or if all poses are alike",
+            "the payload cannot be determined: its mass has a standard deviation of {:.2} kg; the torque of gravity \
+             must change at the joints that carry it, but it does not at vertical axes or if all poses are alike",
             payload.mass_kg.std
         ));
     }
@@ -419,8 +420,8 @@ fn of_joints(joints: &[JointEstimate], motion: &Checked) -> Vec<String> {
         .collect();
     if !still.is_empty() {
         notes.push(format!(
-            "{} moved by less than {MIN_MOTION} rad: {} friction cannot be determined, and bias cannot be distinguished \
-             from gravity; move every joint in both directions, as `palpate excite` does",
+            "{} moved by less than {MIN_MOTION} rad: {} friction cannot be determined, and bias cannot be \
+             distinguished from gravity; move every joint in both directions, as `palpate excite` does",
             still.join(", "),
             if still.len() == 1 { "its" } else { "their" }
         ));
@@ -440,9 +441,9 @@ fn of_stamps(read_times: ReadTimes) -> Option<String> {
     let ReadTimes { corrected, rms_s } = read_times;
     (corrected > 0).then(|| {
         format!(
-            "in {corrected} {}, time stamps differ by {:.1} ms (root mean square) from the times at which the joints were read, \
-             as where a node publishes joint states again at a rate of its own; speeds are computed with corrected times, which \
-             follow from how the joints move together",
+            "in {corrected} {}, time stamps differ by {:.1} ms (root mean square) from the times at which the joints \
+             were read, as where a node publishes joint states again at a rate of its own; speeds are computed with \
+             corrected times, which follow from how the joints move together",
             if corrected == 1 { "touch" } else { "touches" },
             1e3 * rms_s
         )
@@ -463,7 +464,8 @@ fn far_off(few: &ResidualOutliers) -> String {
     format!(
         "{samples} of {of} samples have {:.0} % of the squared residual on held-out motion (residuals up to \
          {largest:.1} N·m), most of it in touch {touch}, samples {from} to {to} (from 0): the arm jerks there, or is \
-         touched; the residual of the other samples is {own:.2} N·m, and {gravity:.2} N·m with the gravity of the URDF alone",
+         touched; the residual of the other samples is {own:.2} N·m, and {gravity:.2} N·m with the gravity of \
+         the URDF alone",
         100.0 * share
     )
 }
@@ -484,9 +486,9 @@ fn misfit(identified: &IdentifiedArm, motion: &Checked) -> Option<String> {
         ))
     } else if own > 0.9 * urdf.min(total(&held_out.gravity)) {
         Some(format!(
-            "on held-out motion, the identified model leaves {own:.2} N·m unexplained, and the URDF alone {urdf:.2} N·m, so \
-             the model is no better; the motion is too short or not varied enough, something was touched, or it is another \
-             robot"
+            "on held-out motion, the identified model leaves {own:.2} N·m unexplained, and the URDF alone \
+             {urdf:.2} N·m, so the model is no better; the motion is too short or not varied enough, something was \
+             touched, or it is another robot"
         ))
     } else {
         None

@@ -154,7 +154,7 @@ struct Adam {
     left: f32,
     /// Running means of the gradient and of its squares, per weight.
     moments: Vec<(f32, f32)>,
-    /// `1 − ` the bias corrections of the running means, which start at 0.
+    /// Share of the initial value 0 in each running mean; 1 minus this is its bias correction.
     missing: (f32, f32),
 }
 

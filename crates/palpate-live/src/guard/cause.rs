@@ -25,8 +25,8 @@ pub enum Cause {
     )]
     Loaded { joint: String, bias_n_m: f64, limit_n_m: f64 },
     #[error(
-        "the arm stands still, and the torque of joint `{joint}` differs by {change_n_m:.2} N·m from the tare of the free arm, \
-         more than half the limit: is the arm loaded? If it touches nothing, call /palpate/tare"
+        "the arm stands still, and the torque of joint `{joint}` differs by {change_n_m:.2} N·m from the tare of \
+         the free arm, more than half the limit: is the arm loaded? If it touches nothing, call /palpate/tare"
     )]
     TareChanged { joint: String, change_n_m: f64 },
     #[error("sign or gravity of the torques seems to be set wrong: {0}")]

@@ -17,7 +17,7 @@ const MOVEIT: &str = "/trajectory_execution_event";
 /// Further topics for the guard's flag, beside palpate's own.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FlagTopics {
-    /// Whether MoveIt is told to stop the trajectory that it executes.
+    /// Whether stop requests are also sent to MoveIt, which then stops the trajectory that it executes.
     pub moveit: bool,
 }
 

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from ._palpate import summarised
-from .results import Evaluation, LeftOut, MethodRow, Share
+from .results import Evaluation, HeldOutTouch, MethodRow, Share
 
 
 def joined(shares: Sequence[Share]) -> Evaluation:
     """The evaluation of all folds; share `i` of `n` contains folds `i`, `i + n` and so on."""
     first = shares[0]
-    places: list[tuple[int, int, LeftOut, dict[str, Any]]] = []
+    places: list[tuple[int, int, HeldOutTouch, dict[str, Any]]] = []
     for share in shares:
         in_fold: Counter[int] = Counter()
         for touch, bands in zip(share["touches"], share["bands"], strict=True):

@@ -124,7 +124,7 @@ class Robot:
         """Files that it was read from: URDF and meshes, unless it is built in, and the arm file, if any."""
     @property
     def limits(self) -> NDArray[np.float64]:
-        """Lowest and highest position of each joint, (n_joints, 2), rad (m where prismatic); infinite where unlimited."""
+        """Lowest and highest position of each joint, (n_joints, 2), rad (m where prismatic); infinite if unlimited."""
     def gravity(self, q: ArrayLike) -> NDArray[np.float64]:
         """Torque of gravity on the joints at positions `q` (n_joints,) rad: (n_joints,) N·m."""
     def forward(self, q: ArrayLike, link: str) -> NDArray[np.float64]:
@@ -334,8 +334,8 @@ class Mapper:
     `robot` is a `Robot`, a name or a path; `method` is `map`, the exact maximum a posteriori, or
     `ekf`, the paper's filter. `settings` are those of the command: the path of a TOML file or a dict
     of its sections; `sections` override them, such as `contact={"friction": 0.3}` or
-    `lattice=Lattice(...)`; `palpate.settings` has all keys. `prior` is a field whose stiffness is the
-    prior of its cells. Threads that use the same mapper wait for each other.
+    `lattice=Lattice(...)`; `palpate.settings` has all keys. `prior` is a field whose prior means, or else
+    learnt stiffness, are the prior means of the cells. Threads that use the same mapper wait for each other.
 
     Raises SettingsError if a setting is unknown or out of its range.
     """

@@ -37,7 +37,7 @@ _BEGIN_S = 300.0
 """Largest time for the first process to start, s."""
 
 QUEUED = 256
-"""Number of tasks submitted at a time, on Ray at least, so that workers never wait for new tasks."""
+"""Number of tasks submitted at a time, on Ray the smallest, so that workers never wait for new tasks."""
 
 
 class Clock:

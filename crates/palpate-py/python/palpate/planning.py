@@ -73,9 +73,9 @@ class FieldCost:
     def limit(
         self, paths: _Paths, max_torque: float, *, with_band: bool = False, inside: bool = False
     ) -> NDArray[np.int64]:
-        """The first row of each path at which, or just before which, a joint's torque exceeds `max_torque`, N·m.
+        """The first row of each path at which, or on the way to which, a joint's torque exceeds `max_torque`, N·m.
 
-        (N,), or () for one path; -1 if the torque stays below. With `with_band`, the half-width of the band for the
+        (N,), or () for one path; -1 if none. With `with_band`, the half-width of the band for the
         largest torque of the path is added to the torque; ValueError if the field has no bands.
         """
         if not max_torque >= 0.0:

@@ -84,7 +84,7 @@ class ScoredTouch(ScoredFrames):
     external: NDArray[np.float64]
     """Measured external torque, or the true one, N·m, (T, n_joints)."""
     half_width: NDArray[np.float64] | None
-    """Half-width of the band around `predicted` at 90 %, N·m, (T, n_joints); None with an elastic body."""
+    """Half-width of the band around `predicted` (level as in `Answer`), N·m, (T, n_joints); None without bands."""
 
 
 class Coverage(TypedDict):
@@ -155,7 +155,7 @@ class Comparison(Change):
     contradiction: float
     """Above 1, the touches contradict the field."""
     repeats: list[str]
-    """The remembered touches whose paths these touches repeat; empty unless all of them repeat one."""
+    """The remembered touches whose paths these touches repeat; of several touches, some may repeat none."""
     error: RelativeErrors
     place: Place | None
 
@@ -242,7 +242,7 @@ class MethodRow(TypedDict):
     """Coverage of bands that were calibrated on other objects."""
 
 
-class LeftOut(TypedDict):
+class HeldOutTouch(TypedDict):
     """A held-out touch: T frames, beginning after its tare."""
 
     name: str
@@ -267,7 +267,7 @@ class Evaluation(TypedDict):
     """Result of `evaluate`."""
 
     methods: list[MethodRow]
-    touches: list[LeftOut]
+    touches: list[HeldOutTouch]
     against: str
     joint_names: list[str]
     tuned: list[dict[str, Any]] | None
@@ -352,7 +352,7 @@ class Fits(TypedDict):
     gravity_torque: float
     """Torque of gravity at rest, N·m over all joints."""
     at_rest: bool
-    """Whether the arm is ever at rest; if not, the figures are from all frames."""
+    """Whether some touch begins at rest; if not, the figures are from any frames."""
     by_work: bool
     """Whether the sign of `best` was found from the work of torques without gravity, and differs from that of `set`."""
 

@@ -157,7 +157,7 @@ impl EvaluationJob<'_> {
         let stop = || progress.stopped();
         let (tuned, other);
         let is_tuned = self.search(Method::Map).is_some() && everything.len() >= MIN_TUNING_TOUCHES;
-        if is_tuned && tracked.settled().is_none() {
+        if is_tuned && tracked.convergence().is_none() {
             let (tuner, train) = (&mut evaluated.tuner, ("tuned-map-all", &everything[..]));
             tuned = self.tuned(tuner, train, tracked, (Method::Map, &|| ()), (keep, progress))?;
             let given = std::mem::replace(&mut config, &tuned);
@@ -171,7 +171,7 @@ impl EvaluationJob<'_> {
         let learnt = method::learn(tracked, &everything, config, &[], &stop);
         let estimator = learnt.map_err(|error| self.fault(error, keep))?;
         let mut field = method::field(tracked, estimator.as_ref(), config);
-        if tracked.settled().is_some() {
+        if tracked.convergence().is_some() {
             let model = model(tracked, &everything, config, &stop);
             field.elastic = Some(Arc::new(model.map_err(|error| self.fault(error, keep))?));
         }

@@ -15,11 +15,11 @@ use crate::settings::sections::EstimatorSettings;
 use crate::settings::{Settings, SettingsError};
 use crate::touches::{RecordedTouch, Touches};
 
-/// The method of a name.
+/// The method with this name.
 ///
 /// # Errors
 ///
-/// If there is no such method, with the names that exist, or if it is not built.
+/// If there is no such method (the message lists all), or if it is not built.
 pub fn method_of(name: &str) -> Result<Method, String> {
     let of = |method: &&Method| method.name() == name;
     let method = Method::ALL.iter().find(of).copied().ok_or_else(|| {
@@ -62,7 +62,7 @@ pub fn each_once(given: &[Method], has_body: bool) -> Result<Vec<Method>, WorkEr
 ///
 /// # Errors
 ///
-/// If there are too few touches, or no touch has a given name.
+/// If there are too few touches for the folds, `groups` is below 2, or no touch has a given name.
 pub fn folds(
     touches: &[TouchSamples],
     groups: Option<u32>,

@@ -17,7 +17,7 @@ const MARGIN: f64 = 0.02;
 pub struct HeldOutErrors {
     /// Error of the field alone.
     pub without: f64,
-    /// Error with the extrapolated stiffness in cells that the field has not touched.
+    /// Error of the field with the extrapolated stiffness in untouched cells.
     pub with: f64,
     /// Whether the errors are relative (1 is that of predicting zero), or in N·m.
     pub relative: bool,

@@ -35,7 +35,7 @@ pub struct ExtrapolationSettings {
     pub features: Option<Features>,
     /// Largest distance of a cell from the seen point to which it belongs, in cells.
     pub reach_cells: Option<f64>,
-    /// Distance of features, in standard deviations over the cloud, beyond which points tell nothing about each other.
+    /// Length scale of the Gaussian process, in standard deviations of the features over the cloud.
     pub length_scale: Option<f64>,
 }
 
@@ -51,7 +51,7 @@ pub struct ExtrapolationJob<'a> {
     pub cloud: &'a Cloud,
     /// The settings that are given.
     pub given: ExtrapolationSettings,
-    /// Number of random halves for a comparison, if one is asked for.
+    /// Number of random divisions into halves for a comparison, if one is asked for.
     pub halves: Option<u32>,
     /// Whether the arm is to be drawn in its touches.
     pub drawn: bool,
@@ -268,11 +268,11 @@ fn reach_cells(saved: &SavedField) -> f64 {
     (contact.contact_distance_m / lattice.spacing_m() + 1.0).clamp(REACH_CELLS[0], REACH_CELLS[1])
 }
 
-/// The method of a name.
+/// The method with this name.
 ///
 /// # Errors
 ///
-/// If there is no such method, with the names that exist.
+/// If there is no such method; the message lists all.
 pub fn method_of(name: &str) -> Result<ExtrapolationMethod, String> {
     let all = [ExtrapolationMethod::Torque, ExtrapolationMethod::Cells, ExtrapolationMethod::Knn];
     let found = all.into_iter().find(|method| method.name() == name);

@@ -23,7 +23,7 @@ pub fn remembers(saved: &SavedField) -> bool {
 ///
 /// # Errors
 ///
-/// If the field was learnt with another robot.
+/// If the field was learnt with another robot, or a sample cannot be used.
 pub(super) fn recalled(
     snapshot: &Snapshot,
     path: &Path,

@@ -19,7 +19,7 @@ use crate::settings::corners;
 const ZERO: f64 = 1e-6;
 /// Cells from this share of the largest stiffness on count as stiff.
 const STIFF: f64 = 0.1;
-/// A cell counts as not learnt if its standard deviation is above this share of the prior's.
+/// A cell counts as not learnt if its standard deviation is at least this share of the prior's.
 const UNCHANGED: f64 = 0.999;
 /// The shares for which quantiles are given.
 const SHARES: [f64; 5] = [0.1, 0.5, 0.9, 0.99, 1.0];

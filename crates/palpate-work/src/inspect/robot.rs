@@ -255,7 +255,7 @@ fn reach_m(loaded: &LoadedArm) -> Option<f64> {
     reach
 }
 
-/// Largest travel of a link by its prismatic joint, m; 0 for other links.
+/// Largest distance that a prismatic joint moves its link from the zero position, m; 0 for other links.
 fn travel_m(robot: &Robot, link: usize) -> f64 {
     let carries =
         |joint: &&Joint| joint.child.index() == link && joint.kind == JointKind::Prismatic;

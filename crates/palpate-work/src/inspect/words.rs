@@ -32,7 +32,7 @@ pub(super) fn listed<T: AsRef<str>>(names: &[T]) -> String {
     }
 }
 
-/// A quantity, such as a length or torque, with the significant digits.
+/// A quantity, such as a length or torque, rounded to about three significant digits.
 pub fn number(value: f64) -> String {
     let size = value.abs();
     match size {

@@ -48,8 +48,8 @@ impl Load {
         *self = Self::default();
     }
 
-    /// Takes the next sample. Whether the arm stands still with as little load as at the start of the last touch; false
-    /// if that cannot be decided.
+    /// Takes the next sample; true if the arm stands still with as little load as at the start of the last touch, false
+    /// if not or if that cannot be decided.
     pub(super) fn is_free(&mut self, robot: &Robot, sample: &Sample, still_rad: f64) -> bool {
         let Ok(poses) = robot.forward(&sample.q) else { return false };
         let gravity = robot.gravity_torque(&poses);

@@ -32,7 +32,7 @@ pub(crate) struct Pauses {
     parts: u32,
     /// Samples that are held back until their touch is known.
     queue: VecDeque<Sample>,
-    /// Number of samples before the first pause.
+    /// Number of samples that were left out before the first standstill.
     left_out: u64,
 }
 

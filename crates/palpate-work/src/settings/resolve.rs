@@ -95,8 +95,8 @@ impl Settings {
             self.touch.torque_sign_given().is_some() && self.touch.gravity_given().is_some();
         if field.identified && self.robot.arm.is_none() && !says_all {
             return Err(SettingsError::Together(
-                "the field was learnt with an identified arm, so it does not contain sign and gravity of the torques in \
-                 these logs; give that arm (--arm), or both --torque-sign and --gravity"
+                "the field was learnt with an identified arm, so it does not contain sign and gravity of the torques \
+                 in these logs; give that arm (--arm), or both --torque-sign and --gravity"
                     .to_owned(),
             ));
         }
@@ -111,8 +111,8 @@ impl Settings {
     pub fn torque_convention_for_robot(&self) -> Result<ExternalTorqueConfig, SettingsError> {
         if self.touch.torque_sign_given().is_none() || self.touch.gravity_given().is_none() {
             return Err(SettingsError::Together(
-                "with --arm or --no-map, give torque_sign (--torque-sign) and gravity (--gravity): while the robot runs, \
-                 they cannot be found from the data"
+                "with --arm or --no-map, give torque_sign (--torque-sign) and gravity (--gravity): while the robot \
+                 runs, they cannot be found from the data"
                     .to_owned(),
             ));
         }

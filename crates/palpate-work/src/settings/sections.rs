@@ -137,7 +137,7 @@ section! {
         #[arg(long, value_name = "LOG=URDF", value_delimiter = ',', value_parser = from_word::<Renamed>)]
         pub rename: Vec<Renamed>,
         /// File of the identified arm from `palpate identify`: the torques of its masses, friction and bias are
-        /// subtracted from the logged torques, and its noise weighs the frames
+        /// subtracted from the logged torques, and torques count less where its noise is larger
         #[arg(long, value_name = "ARM.toml")]
         pub arm: PathBuf,
         /// Link that carries a payload which is not in the URDF: a gripper, a tool, a camera

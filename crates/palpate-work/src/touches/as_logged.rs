@@ -46,8 +46,8 @@ impl Touches {
         };
         if has_arm && given.gravity == Some(Gravity::Removed) {
             let message = format!(
-                "`{}`: these torques contain no gravity, and --arm was identified on torques that do: only its standard \
-                 deviations are used, and they may be too small; give the measured torques",
+                "`{}`: these torques contain no gravity, and --arm was identified on torques that do: only its \
+                 standard deviations are used, and they may be too small; give the measured torques",
                 self.first_path()
             );
             if strict {

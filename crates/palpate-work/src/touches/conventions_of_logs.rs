@@ -59,7 +59,8 @@ impl Touches {
         if let Some((log, own)) = names.and_then(|names| held_joints::other_name(&arm.robot, names))
         {
             progress.note(&format!(
-                "joints are matched by the parts of their names that differ from joint to joint: `{log}` is `{own}`, and so on"
+                "joints are matched by the parts of their names that differ from joint to joint: `{log}` is `{own}`, \
+                 and so on"
             ));
         }
         let held = held_joints::not_in_log(&arm.robot, names, count);
@@ -98,8 +99,8 @@ impl Touches {
             let [own, others] =
                 if why.is_some() { ["radians", "degrees"] } else { ["degrees", "radians"] };
             return Err(WorkError::Usage(format!(
-                "`{}`: the angles of touch `{touch}` look like {own}, and most others like {others}; convert all to one unit \
-                 first, as `palpate convert --angle-unit deg` does, or give the unit (--angle-unit)",
+                "`{}`: the angles of touch `{touch}` look like {own}, and most others like {others}; convert all to \
+                 one unit first, as `palpate convert --angle-unit deg` does, or give the unit (--angle-unit)",
                 log.display()
             )));
         }
@@ -141,8 +142,8 @@ impl Touches {
     ///
     /// # Errors
     ///
-    /// If the settings contradict the type of message, or the data do not decide the convention and that is to be
-    /// refused.
+    /// If the settings contradict the type of message, logs of different kinds are mixed, or the data do not decide the
+    /// convention and that is to be refused.
     pub(crate) fn conventions(
         &mut self,
         arm: &Arm,
@@ -215,7 +216,8 @@ impl Touches {
         }
         if named.is_some() && !self.logs.all().all(|log| is_of_currents(&log)) {
             return Err(WorkError::Usage(format!(
-                "the columns of `{path}` are motor currents, those of other logs are not; give these logs to separate commands"
+                "the columns of `{path}` are motor currents, those of other logs are not; give these logs to \
+                 separate commands"
             )));
         }
         let are = if named.is_some() { "the columns are" } else { "the torques are assumed to be" };

@@ -147,7 +147,7 @@ impl Touches {
         self.currents = true;
     }
 
-    /// Puts joints into the order of a robot's, if the logs name them, and leaves out others.
+    /// Puts joints into the arm's order, if the logs name them, and leaves out others.
     pub fn reorder_to(&mut self, arm: &Arm) {
         self.joints = arm.robot.joint_names().map(str::to_owned).collect();
     }

@@ -7,7 +7,7 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::placed::{PlacedLink, box_distance_m, travel_in_link_m};
+use super::posed_link::{PosedLink, box_distance_m, travel_in_link_m};
 use super::rules::ContactRules;
 use crate::lattice::{BRICK_EDGE, CellSet, Lattice};
 use crate::sdf::DistanceGrid;
@@ -32,7 +32,7 @@ pub(super) struct Query<'a> {
     pub(super) rules: &'a ContactRules,
     pub(super) link: usize,
     pub(super) surface: &'a DistanceGrid,
-    pub(super) placed: PlacedLink,
+    pub(super) placed: PosedLink,
 }
 
 /// Travel of a link after which all blocks near it are collected anew, m.

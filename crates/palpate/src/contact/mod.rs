@@ -1,13 +1,13 @@
 //! Where the arm pushes the points of the field, and by how much (Sec. II, assumption ii).
 //!
-//! | paper | here                                | value                            | unit |
-//! |-------|-------------------------------------|----------------------------------|------|
-//! | W_c   | [`Contacts`]                        | cells that the arm displaces now |      |
-//! | uᵢ    | [`LinkContacts::displacements_m`]   | anchor − rest point, world frame | m    |
-//! | δ     | [`ContactConfig::contact_distance_m`] | inflation of the links         | m    |
-//! | μ     | [`ContactConfig::friction`]         | cone of sticking                 | –    |
-//! |       | [`ContactConfig::coulomb_friction`] | friction force over normal force | –    |
-//! | λ     | [`ContactConfig::slip_step_m`]      | longest slip of one iteration    | m    |
+//! | paper | here                                  | value                            | unit |
+//! |-------|---------------------------------------|----------------------------------|------|
+//! | W_c   | [`Contacts`]                          | cells that the arm displaces now |      |
+//! | uᵢ    | [`LinkContacts::displacements_m`]     | anchor − rest point, world frame | m    |
+//! | δ     | [`ContactConfig::contact_distance_m`] | inflation of the links           | m    |
+//! | μ     | [`ContactConfig::friction`]           | cone of sticking                 | –    |
+//! |       | [`ContactConfig::coulomb_friction`]   | friction force over normal force | –    |
+//! | λ     | [`ContactConfig::slip_step_m`]        | longest slip of one iteration    | m    |
 //!
 //! Contacts depend on the arm's motion alone, neither on torque nor on stiffness, so a motion has the same contacts in
 //! learning and in prediction. Every link is represented by its signed distance φ, inflated by δ.
@@ -19,11 +19,11 @@
 //! | `broad_phase`       | which free points a link may have reached                             |
 //! | `path_simulator`    | scheduler of selected points along a known trajectory                 |
 //! | `posed_trajectory`  | poses of a known trajectory, and when a link is near a point          |
-//! | `placed`            | pose of a link, and how far it moves                                  |
+//! | `posed_link`        | pose of a link, and how far it moves                                  |
 
 mod broad_phase;
 mod path_simulator;
-mod placed;
+mod posed_link;
 mod posed_trajectory;
 mod rules;
 mod simulator;
@@ -31,7 +31,7 @@ mod simulator;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use path_simulator::{Displaced, PathContactSimulator};
-pub(crate) use placed::travel_m;
+pub(crate) use posed_link::travel_m;
 pub(crate) use posed_trajectory::PosedTrajectory;
 pub use simulator::ContactSimulator;
 pub(crate) use simulator::ContactState;

@@ -10,14 +10,13 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use rustc_hash::FxHashMap;
 
 use super::broad_phase::{LIPSCHITZ, bricks_within};
-use super::placed::{PlacedLink, box_distance_m, travel_in_link_m};
+use super::posed_link::{PosedLink, box_distance_m, travel_in_link_m};
 use super::rules::{ContactRules, HeldPoint};
 use super::{ContactConfig, ContactState};
 use crate::lattice::{BRICK_EDGE, Bricks, CellId, Lattice};
 use crate::sdf::DistanceGrid;
 
-/// Points at most this far beyond the reach of a link's box are tested against the box, others against the ball around
-/// it, m.
+/// Points at most this far, m, beyond the reach of a link are tested against its box, others against its bounding ball.
 const WITHIN_M: f64 = 0.05;
 
 /// Upper bound of the errors of a distance by rounding to `f32` and by interpolation of φ, m.
@@ -51,9 +50,8 @@ pub(super) struct Link {
     /// Its number in the robot.
     pub(super) index: usize,
     /// Its poses, by waypoint.
-    pub(super) placed: Vec<PlacedLink>,
-    /// Upper bound of the motion, in the link's frame, of points near the link since the first waypoint, by waypoint,
-    /// m.
+    pub(super) placed: Vec<PosedLink>,
+    /// By waypoint, upper bound of the motion in the link's frame, m, of points near the link since the first waypoint.
     travel_m: Vec<f64>,
     /// An index into `travel_m`: see [`marks`].
     marks: Vec<u32>,
@@ -194,7 +192,7 @@ impl Link {
         });
         let travel_m: Vec<f64> = std::iter::once(0.0).chain(travel_m).collect();
         let (marks, mark_m) = marks(&travel_m);
-        let placed: Vec<PlacedLink> = poses.iter().map(PlacedLink::new).collect();
+        let placed: Vec<PosedLink> = poses.iter().map(PosedLink::new).collect();
         let (low, high) = surface.bounds();
         let (middle, half_m) = (nalgebra::center(&low, &high), (high - low) / 2.0);
         let mut blocks = vec![[[[0.0; LANES]; 4]; 3]; placed.len().div_ceil(LANES)];

@@ -21,7 +21,7 @@ use std::cmp::Ordering;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::ContactConfig;
-use super::placed::PlacedLink;
+use super::posed_link::PosedLink;
 use crate::lattice::CellId;
 use crate::sdf::DistanceGrid;
 
@@ -107,7 +107,7 @@ impl ContactRules {
     pub(super) fn stick_and_slip(
         &self,
         surface: &DistanceGrid,
-        placed: &PlacedLink,
+        placed: &PosedLink,
         (points, slipping): (&mut [HeldPoint], &mut Vec<u32>),
     ) {
         if self.coulomb_friction > 0.0 {
@@ -187,7 +187,7 @@ impl HeldPoint {
     }
 
     /// *Stick*: the anchor stays where it is on the link, so the rest point moves in its frame.
-    fn stick(&mut self, placed: &PlacedLink) {
+    fn stick(&mut self, placed: &PosedLink) {
         self.rest_link = placed.in_link(&self.rest);
     }
 
@@ -230,7 +230,7 @@ impl HeldPoint {
     }
 
     /// Releases the point if its spring would have to pull, and turns u into the world frame.
-    fn finish(&mut self, placed: &PlacedLink) {
+    fn finish(&mut self, placed: &PosedLink) {
         let displacement = self.anchor_link - self.rest_link;
         self.held &= Self::pushes(displacement.dot(&self.normal_link));
         self.displacement_m = (placed.rotation * displacement).cast::<f32>().into();
@@ -244,7 +244,7 @@ impl HeldPoint {
 
     /// *Rub*: replaces the tangential part of u by Coulomb friction. Friction grows with the tangential motion of the
     /// link, up to `coulomb_friction` times the normal force, so it reverses soon after the motion does.
-    fn rub(&mut self, placed: &PlacedLink, coulomb_friction: f64) {
+    fn rub(&mut self, placed: &PosedLink, coulomb_friction: f64) {
         let along_m = (self.anchor_link - self.rest_link).dot(&self.normal_link);
         let mut friction = self.friction_link - self.rest_link.coords * PRESLIDING;
         friction -= self.normal_link * friction.dot(&self.normal_link);

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use nalgebra::Isometry3;
 
 use super::broad_phase::{BroadPhase, Entered, Query};
-use super::placed::{PlacedLink, travel_m};
+use super::posed_link::{PosedLink, travel_m};
 use super::rules::{ContactRules, HeldPoint, deepest_first};
 use super::{ContactConfig, Contacts, LinkContacts, substeps};
 use crate::lattice::{CellSet, Lattice};
@@ -147,7 +147,7 @@ impl ContactSimulator {
     ) {
         let Some(surface) = &self.surfaces[link] else { return };
         let held = &mut self.state.held[link];
-        let placed = PlacedLink::new(world_from_link);
+        let placed = PosedLink::new(world_from_link);
         self.rules.stick_and_slip(surface, &placed, (&mut *held, &mut self.slipping));
         let first = released.len();
         let let_go = held.iter().filter(|point| !point.held);
@@ -181,7 +181,7 @@ impl ContactSimulator {
                 rules: &self.rules,
                 link,
                 surface,
-                placed: PlacedLink::new(&self.state.poses[link]),
+                placed: PosedLink::new(&self.state.poses[link]),
             };
             broad_phase.find(&query, &mut found);
             for place in released {

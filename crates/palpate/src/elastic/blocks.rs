@@ -13,8 +13,8 @@ use super::body::{Segment, SegmentKind};
 /// over the height h, that is `2/3 (h/w)²` of the stiffness `E w²/h` along z: 5 for blocks of 4 cm in a layer
 /// of 11 cm, less where they are wider.
 pub const BLOCK_STIFFNESS_SHARES: [f64; 3] = [4.0, 4.0, 1.0];
-/// Stiffness of the spring between neighbours along z, relative to the mean stiffness of the two: `G h / 3` over `E
-/// w²/h`, 1 for the same blocks.
+/// Stiffness of the spring between neighbours along z, relative to the mean stiffness of the two: `G h / 3` over
+/// `E w²/h`, 1 for the same blocks.
 const SHEAR: f64 = 1.0;
 /// Largest distance between the centres of neighbours, in widths.
 const BESIDE: f64 = 1.2;

@@ -37,7 +37,7 @@ impl Default for ElasticContactConfig {
     }
 }
 
-/// Place on a link where a point of the body first touched it, and its normal force in the previous iteration.
+/// Place on a link at which a point of the body sticks, and its normal force in the previous iteration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Anchor {
     /// Index of the link.

@@ -1,5 +1,5 @@
-//! Inverse effective mass of a segment: the acceleration of its centre under a unit force. It follows from the masses of all
-//! segments of the tree; springs are neglected.
+//! Inverse effective mass of a segment: the acceleration of its centre under a unit force. It follows from the masses
+//! of all segments of the tree; springs are neglected.
 
 use std::f64::consts::{FRAC_PI_4, PI};
 

@@ -5,16 +5,16 @@
 //! friction, starting from the state at the previous sample. The contact forces are wrenches on the links, and so joint
 //! torques, as for the springs of single points in [`crate::torque`].
 //!
-//! | file          | contents                                                                    |
-//! |---------------|-----------------------------------------------------------------------------|
-//! | `body`        | segments at rest                                                            |
-//! | `blocks`      | the springs of blocks, of which cushions are made                           |
-//! | `effective_mass` | inverse effective mass: acceleration of a segment under a unit force     |
-//! | `pose`        | positions of the segments, for given rotations of the joints                |
-//! | `tree`        | Newton's equations of a tree, solved in time linear in its segments         |
-//! | `contact`     | contact forces at a point of the body inside a link                         |
-//! | `model`       | a body that was learnt from touches, and its torque along a motion          |
-//! | `equilibrium` | the search for the static equilibrium, and the torque there                 |
+//! | file             | contents                                                             |
+//! |------------------|----------------------------------------------------------------------|
+//! | `body`           | segments at rest                                                     |
+//! | `blocks`         | the springs of blocks, of which cushions are made                    |
+//! | `effective_mass` | inverse effective mass: acceleration of a segment under a unit force |
+//! | `pose`           | positions of the segments, for given rotations of the joints         |
+//! | `tree`           | Newton's equations of a tree, solved in time linear in its segments  |
+//! | `contact`        | contact forces at a point of the body inside a link                  |
+//! | `model`          | a body that was learnt from touches, and its torque along a motion   |
+//! | `equilibrium`    | the search for the static equilibrium, and the torque there          |
 //!
 //! The model is static, except for contacts that creep ([`ElasticContactConfig::creep_s`]): gravity is part of the
 //! shape at rest, and a branch that is released is at rest in the next sample. The module uses neither point clouds nor

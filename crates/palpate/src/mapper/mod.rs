@@ -103,8 +103,8 @@ pub enum MapperError {
     OtherRobot { learnt: String, given: String },
     /// Learnt touches whose samples are no longer in memory.
     #[error(
-        "the samples of {touches} touches that the field has learnt from are no longer in its memory, so these touches would \
-         be forgotten as well; map only the logs to keep again, or map all logs with more memory (--memory-mib)"
+        "the samples of {touches} touches that the field has learnt from are no longer in its memory, so these touches \
+         would be forgotten as well; map again only the logs to keep, or map all logs with more memory (--memory-mib)"
     )]
     Gone { touches: u32 },
     /// A snapshot that contradicts itself.

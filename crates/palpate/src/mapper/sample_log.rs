@@ -22,8 +22,8 @@ pub struct LoggedTouch {
     pub open: bool,
     /// Whether its samples exceeded the limit of the log and were dropped.
     pub lost: bool,
-    /// By sample, whether it was predicted but not learnt from ([`crate::unstable::Downsampling`]); empty if no sample
-    /// was.
+    /// By sample, whether it was too close to the last learnt one to be learnt ([`crate::unstable::Downsampling`]);
+    /// empty if no sample was.
     pub skipped: Vec<bool>,
     /// Joint positions, samples × n_joints, rad or m.
     pub q: Vec<f64>,

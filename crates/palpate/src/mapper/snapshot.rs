@@ -76,8 +76,8 @@ impl Mapper {
         Ok(resumed.expect("nothing stops it"))
     }
 
-    /// As [`Mapper::resume`]. `step` is called after every sample of the sample log; when it returns false, resuming stops
-    /// and `None` is returned.
+    /// As [`Mapper::resume`]. `step` is called after every sample of the sample log; when it returns false, resuming
+    /// stops and `None` is returned.
     ///
     /// # Errors
     ///

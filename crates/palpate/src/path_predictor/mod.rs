@@ -6,7 +6,7 @@
 //!
 //! | here                      | value                                    | shape    | unit |
 //! |---------------------------|------------------------------------------|----------|------|
-//! | [`PathPoint::torque`]     | `τ̂ = Σ wᵢ Kᵢ` (Eq. 5)                   | n_joints | N·m  |
+//! | [`PathPoint::torque`]     | `τ̂ = Σ wᵢ Kᵢ` (Eq. 5)                    | n_joints | N·m  |
 //! | [`PathPoint::torque_std`] | `√ diag(H P Hᵀ)`, P the cells' variances | n_joints | N·m  |
 //! | [`PathPoint::torque_rss`] | `√ diag(H diag(K²) Hᵀ)`                  | n_joints | N·m  |
 //!

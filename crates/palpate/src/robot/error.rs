@@ -17,7 +17,7 @@ pub enum RobotError {
     /// Links or mimic joints that form a loop.
     #[error("{things} form a loop through {through}; only trees are supported")]
     Loop { things: &'static str, through: String },
-    /// A link with two joints: in closed kinematic chains, joint torques are not unique.
+    /// A link that is the child of two joints: in closed kinematic chains, joint torques are not unique.
     #[error(
         "link `{link}` is the child of two joints, `{first}` and `{second}`; only trees are supported, \
          not closed loops"

@@ -9,7 +9,7 @@
 //! |-----------------------------|-----------------------------------|----------------|
 //! | [`Robot::forward`]          | `world_from_link`                 | `n_links`      |
 //! | [`Robot::jacobian`]         | `∂p/∂q`, p fixed to the link      | `3 × n_joints` |
-//! | [`Robot::spatial_jacobian`] | `∂(origin velocity; angular)/∂q̇` | `6 × n_joints` |
+//! | [`Robot::spatial_jacobian`] | `∂(origin velocity; angular)/∂q̇`  | `6 × n_joints` |
 //! | [`Robot::gravity_torque`]   | `Σ_l m_l J_com(l)ᵀ g`             | `n_joints`     |
 //!
 //! A mimic joint `q_m = a·q + b` adds `a` times its twist to the column of the joint it follows.

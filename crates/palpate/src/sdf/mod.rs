@@ -38,7 +38,7 @@ pub const BAKE_VERSION: u32 = 2;
 #[non_exhaustive]
 #[allow(missing_docs)] // the messages name the fields
 pub enum SdfError {
-    /// Shapes without area.
+    /// No shapes, or only triangles without area.
     #[error("the shape is empty: found {triangles} triangles, none of them with an area")]
     Empty { triangles: usize },
     /// A triangle of vertices that do not exist.

@@ -411,7 +411,7 @@ impl ModelResidual {
     }
 }
 
-/// External torques of a running robot, sample by sample, from earlier samples only.
+/// External torques of a running robot, sample by sample, each from the samples so far.
 #[derive(Debug, Clone)]
 pub struct TorqueStream {
     arm: Arc<Arm>,

@@ -61,7 +61,7 @@ pub struct TorqueModel {
     pub causal: Option<Causal>,
 }
 
-/// Whether speeds at a sample are computed from the samples around it, or from earlier samples only.
+/// Whether speeds at a sample are computed from the samples around it, or only from those up to it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Differentiation {
     /// From a window around each sample: for logs.
@@ -71,7 +71,7 @@ pub enum Differentiation {
     Causal,
 }
 
-/// What differs if speeds are computed from earlier samples only.
+/// What differs if speeds at a sample are computed only from the samples up to it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Causal {
@@ -250,7 +250,7 @@ impl TorqueModel {
             return Err(format!("delay_s is {}; wanted less than 1 s", self.delay_s));
         }
         if self.causal.as_ref().is_some_and(|causal| !causal.fits(self.joints.len())) {
-            return Err("[causal] must have one window and one noise for each joint".to_owned());
+            return Err("[causal] must have one window, and one noise for each joint".to_owned());
         }
         let alarms = [self.alarm, self.causal.as_ref().and_then(|causal| causal.alarm)];
         if alarms.iter().flatten().any(|alarm| !alarm.is_sound()) {

@@ -22,8 +22,8 @@ pub(super) struct Joints {
     pub(super) tau: Vec<usize>,
 }
 
-/// The joints of the data set that a file of frames belongs to. `None` without a data set, without names, or if the
-/// names only count and so say nothing beyond the order. The error is the end of a message about `info.json`.
+/// The joints of the data set that a file of frames belongs to. `None` without a data set, without common names, or if
+/// the names only count and so say nothing beyond the order. The error is the end of a message about `info.json`.
 pub(super) fn joints(file: &Path, q: &str, tau: &str) -> Result<Option<Joints>, String> {
     let whole = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
     let folders = whole.ancestors().skip(1).take(DEPTH);

@@ -3,7 +3,8 @@
 //! A row of joint j contains, in this order,
 //!
 //! ```text
-//! [ Y_j (10 · n_bodies) | −dτ/dt | coulomb asymmetry breakaway viscous rotor | 1 cos q sin q | slopes | offset, drift by touch | τ ]
+//! [ Y_j (10 · n_bodies) | −dτ/dt | coulomb asymmetry breakaway viscous rotor |
+//!   1 cos q sin q | slopes | offset, drift by touch | τ ]
 //! ```
 //!
 //! The slopes are the changes of friction with the presliding distance and with the Stribeck speed. Both are found by
@@ -285,8 +286,8 @@ impl Rows {
         numbers
     }
 
-    /// The rows that are used for a joint: those in which its friction state is known, or all if it is known in none;
-    /// no rows if its torque is not measured.
+    /// The rows that are used for a joint, of those not left out: those in which its friction state is known, or all
+    /// if it is known in none; no rows if its torque is not measured.
     fn of_joint(&self, j: usize) -> impl Iterator<Item = &Row> {
         let is_known = move |row: &Row| row.knows_friction(j);
         let any = self.rows.iter().any(is_known);

@@ -3,14 +3,14 @@
 | OpenVSF                                  | palpate                                              |
 |------------------------------------------|------------------------------------------------------|
 | `world`: the robot's `file_name`         | robot                                                |
-| `dataset`, `train_sequences`, `test_…`   | logs, in the order that gives sequences their numbers |
+| `dataset`, `train_sequences`, `test_…`   | logs, in the order of OpenVSF's sequence numbers     |
 | `calibrators`: `num_samples`             | `touch.tare_frames`                                  |
 | `simulator`: `friction_mu`, `slide_step` | `contact.friction`, `slip_step_m`                    |
 | `geometry_padding1` + `2`                | `contact.contact_distance_m`                         |
 | `bbox`, `voxel_size`, or the points      | `lattice`                                            |
 | `estimator`: `optimizer`                 | `estimator.estimator`, `map` or `ekf`                |
 | `num_replay_update`, `max_buffer_length` | `replays`, `memory_frames`                           |
-| `prior`: `mu`, `var`                     | `prior_mean`, `prior_std`, converted to a cell of 1 cm |
+| `prior`: `mu`, `var`                     | `prior_mean`, `prior_std`, for a cell of 1 cm        |
 
 Keys that the file leaves out keep palpate's defaults.
 """

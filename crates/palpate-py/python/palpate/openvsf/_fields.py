@@ -60,10 +60,10 @@ def load(
     out; springs in the same cell are added, and a PalpateWarning reports how far points were moved.
 
     `k_std` is the meaning of the feature `K_std`: "std", N/m, as before an estimation, or "variance",
-    (N/m)², as after one. If left out, it is a variance if some `N_obs` are above 0. Without the
-    features, std is 0 and counts are 1. `robot`, `settings` and `sections` give the field its robot
-    (`kinova_gen3`), contact model, and sign and gravity of torques, which OpenVSF does not store; a file
-    that palpate wrote contains its own, which are used if no argument is given.
+    (N/m)², as after one. If left out, it is a variance if some `N_obs` are above 0 and `K_var` is not its
+    square. Without the features, std is 0 and counts are 1. `robot`, `settings` and `sections` give the
+    field its robot (`kinova_gen3`), contact model, and sign, gravity and tare of torques, which OpenVSF
+    does not store; a file that palpate wrote contains its own, which are used if no argument is given.
 
     Raises FileError, which names the file and the array, and ValueError for a lattice that does not
     contain the points. Code in the pickle of an npz file is not executed.

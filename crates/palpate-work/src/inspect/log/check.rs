@@ -207,7 +207,8 @@ impl LogCheck {
     }
 }
 
-/// Findings about touches that need no contacts, errors first. `set` is the torque convention where it is not given.
+/// The warnings and errors about touches for which no contacts are simulated, errors first. `set` is the torque
+/// convention where it is not given.
 pub(crate) fn looks_wrong_as_logged(
     touches: &mut [RecordedTouch],
     robot: &Robot,

@@ -59,7 +59,7 @@ pub struct TouchFacts {
     pub range: Vec<[f64; 2]>,
     /// Mean external torque at the end, N·m, if the arm is back where it began.
     pub end_external: Option<Vec<f64>>,
-    /// Work that the external torque does on the arm from the start to its peak, J.
+    /// Work that the external torque does on the arm from the end of the start to its peak, J.
     pub work_until_peak_j: f64,
 }
 
@@ -275,7 +275,8 @@ pub(super) fn last_link_box(touches: &[RecordedTouch], robot: &Robot) -> Option<
     Some(format!("the origin of `{}` moves within {low_m} .. {high_m} m", robot.links()[link].name))
 }
 
-/// Number of the first of the frames at the end in which the arm is back at its start; `None` if they are too few.
+/// Index of the first of the frames at the end, at most `END_FRAMES[1]`, in which the arm is back at its start; `None`
+/// if they are too few, or the arm never left.
 fn end(touch: &RecordedTouch, push: usize) -> Option<usize> {
     let start = touch.samples.first()?;
     let [fewest, most] = END_FRAMES;

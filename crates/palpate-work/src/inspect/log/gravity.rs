@@ -182,7 +182,8 @@ fn opposite_signs(robot: &Robot, by_sign: &[Vec<usize>; 2]) -> Finding {
         listed(&plus),
         listed(&minus)
     );
-    let remedy = "all joints must have the same sign: negate the columns with the wrong sign in the log (there is no flag for it)";
+    let remedy = "all joints must have the same sign: negate the columns with the wrong sign in the log (there is no \
+                  flag for it)";
     let odd = if plus.len() < minus.len() { &plus } else { &minus };
     Finding::warning("joint_sign", what, remedy).at(odd)
 }

@@ -268,7 +268,7 @@ impl Read<'_> {
     }
 }
 
-/// Facts and findings about touches that need no contacts.
+/// Facts and findings about touches for which no contacts are simulated.
 struct AsLogged {
     reading: LogInterpretation,
     /// Whether unit and order of joints are those in which the touches were read.

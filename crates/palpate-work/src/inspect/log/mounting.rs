@@ -1,4 +1,4 @@
-//! Whether the arm is mounted as its URDF says, or for example hangs from a ceiling while its URDF stands upright.
+//! Whether the arm is mounted as its URDF says, or for example hangs from a ceiling while its URDF has it upright.
 //!
 //! Opposite gravity looks like the opposite sign of the torques. That sign is then chosen wrongly, and all contact
 //! torques have it. Over a motion that returns to a start without contact, contacts and friction can only take energy
@@ -39,15 +39,15 @@ pub(super) fn finding(
         return None;
     }
     let what = format!(
-        "the torques less gravity do positive work on the arm, {} J in {} of {} touches that return to their start, but \
-         contacts and friction can only take energy: the arm may be mounted otherwise than in the URDF, for example on a \
-         ceiling; or somebody guided it by hand",
+        "the torques less gravity do positive work on the arm, {} J in {} of {} touches that return to their start, \
+         but contacts and friction can only take energy: the arm may be mounted otherwise than in the URDF, for \
+         example on a ceiling; or somebody guided it by hand",
         number(given.iter().sum()),
         given.len(),
         works.len()
     );
-    let remedy = "describe in the URDF how the arm is mounted: by the <origin rpy> of the joint between its root link, z up, \
-                  and its base; otherwise all contact torques have the wrong sign";
+    let remedy = "describe in the URDF how the arm is mounted: by the <origin rpy> of the joint between its root \
+                  link, z up, and its base; otherwise all contact torques have the wrong sign";
     Some(Finding::warning("mounting", what, remedy))
 }
 

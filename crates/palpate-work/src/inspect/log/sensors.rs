@@ -18,8 +18,8 @@ const STUCK_FRAMES: usize = 20;
 const STUCK_TIMES: f64 = 10.0;
 /// and if a joint moved by more than this meanwhile, rad or m,
 const STUCK_MOVES: f64 = 0.01;
-/// and if its next step was larger than this multiple of the median step, since a coarse sensor
-/// makes one.
+/// and if its next step, if there is one, was larger than this multiple of the median step: after a
+/// constant run, a coarse sensor makes a usual step.
 const STUCK_JUMP: f64 = 3.0;
 /// A torque is cut off if it stays at its largest or smallest value, to the last bit, for at least
 /// this many steps in which the arm moves,
@@ -153,7 +153,7 @@ fn cut_off(touches: &[&RecordedTouch], (joint, name): (usize, &str)) -> Option<F
     };
     let cut: Vec<f64> = ends.into_iter().filter(is_cut).collect();
     let values: Vec<String> = cut.iter().map(|value| number(*value)).collect();
-    let what = format!("stays at {} N·m, and never exceeds it", values.join(" and "));
+    let what = format!("is cut off at {} N·m", values.join(" and "));
     let is_there = |sample: &Sample| cut.contains(&torque(sample));
     capped(touches, name, ("clipped_torque", &what), is_there)
 }

@@ -18,7 +18,7 @@ const SUSPICIOUS_RAD: f64 = 2.0 * TAU;
 const SURELY_RAD: f64 = 4.0 * TAU;
 
 /// Converts the touches to radians if they were read in the wrong unit, and returns the right unit with a finding,
-/// which is a warning if the wrong unit was given.
+/// which is a warning if the wrong unit was given or a joint is prismatic.
 pub(super) fn correct(
     touches: &mut [RecordedTouch],
     robot: &Robot,

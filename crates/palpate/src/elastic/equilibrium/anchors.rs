@@ -52,7 +52,7 @@ impl Equilibrium {
         }
     }
 
-    /// Moves the anchors of slipped points, so that the offsets stay within the friction cone.
+    /// Moves the anchors of points that slip or creep, so that the offsets stay within the friction cone.
     pub(super) fn slide_anchors(&mut self, placed: &[PlacedLink<'_>], near: &[Vec<u16>]) {
         let posed = self.posed();
         self.update_anchors(placed, near, &posed);
@@ -71,8 +71,7 @@ impl Equilibrium {
                     .config
                     .creep_softening(inverse_effective_masses[point.segment], self.substep_s);
             let longest = self.config.longest_slip_m(anchor.pressed_n);
-            // Only the tangential offset is limited: along the normal, the anchor follows its
-            // point.
+            // Only the tangential offset is limited: along the normal, the anchor follows its point.
             let kept = if slip.norm() > longest { slip * (longest / slip.norm()) } else { slip };
             anchor.place_link = link.link_from_world * (at - kept);
         }

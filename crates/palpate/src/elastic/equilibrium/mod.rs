@@ -56,7 +56,7 @@ pub struct Convergence {
     /// Number of Newton steps.
     pub iterations: u32,
     /// Number of sub-steps that did not converge.
-    pub unsettled: u32,
+    pub not_converged: u32,
 }
 
 /// A body in contact with an arm.
@@ -166,7 +166,7 @@ impl Equilibrium {
         let travel_m = self.arm.travel_m(&before, links);
         let substeps = ((travel_m / SUBSTEP_M).ceil() as u32).clamp(1, 1000);
         let time_s = time_s.unwrap_or(travel_m / self.config.speed_m_per_s);
-        let mut settled = Convergence::default();
+        let mut convergence = Convergence::default();
         self.substep_s = f64::max(time_s, 0.0) / f64::from(substeps); // 0 for NaN
         for step in 1..=substeps {
             let share = f64::from(step) / f64::from(substeps);
@@ -175,10 +175,10 @@ impl Equilibrium {
                 .zip(links)
                 .map(|(a, b)| if step == substeps { *b } else { a.lerp_slerp(b, share) })
                 .collect();
-            self.settle(&between, &mut settled);
+            self.converge(&between, &mut convergence);
         }
         self.substep_s = 0.0;
-        settled
+        convergence
     }
 
     /// The joint torque of the body on the arm at a stiffness factor of one, `Σ Sᵀ (f, m)` over the
@@ -237,33 +237,33 @@ impl Equilibrium {
     }
 
     /// Computes the equilibrium of the body against links at fixed poses.
-    fn settle(&mut self, links: &[Isometry3<f64>], settled: &mut Convergence) {
+    fn converge(&mut self, links: &[Isometry3<f64>], convergence: &mut Convergence) {
         let arm = Arc::clone(&self.arm);
         let placed = placed(&arm, links);
         let near = self.near(&placed, &self.posed());
         if near.iter().all(Vec::is_empty) && self.state.joints.are_at_rest() {
             return;
         }
-        let mut settles = false;
+        let mut converges = false;
         let mut stuck = 0;
         for _ in 0..ITERATIONS {
-            settled.iterations += 1;
+            convergence.iterations += 1;
             let posed = self.posed();
             self.update_anchors(&placed, &near, &posed);
             let (mut nodes, energy) = self.model(&placed, &near, &posed);
             let (steps, decrement) = tree::minimise(&mut nodes);
             if decrement < SETTLED_J + SETTLED_SHARE * energy {
-                settles = true;
+                converges = true;
                 break;
             }
             let then = self.line_search(&placed, &near, (&posed, energy), (&steps, decrement));
             stuck = if energy - then < 1e-2 * decrement { stuck + 1 } else { 0 };
             if stuck == 3 {
-                settles = decrement < 1e-3 * energy;
+                converges = decrement < 1e-3 * energy;
                 break;
             }
         }
-        settled.unsettled += u32::from(!settles);
+        convergence.not_converged += u32::from(!converges);
         self.slide_anchors(&placed, &near);
     }
 

@@ -43,8 +43,12 @@ fn pressed(equilibrium: &mut Equilibrium, depths_m: &[f64]) -> Vec<f64> {
     let arm = Arc::clone(&equilibrium.arm);
     let force = |&depth: &f64| {
         let poses = arm.robot.forward(&[depth - BALL_M]).expect("one joint");
-        let settled = equilibrium.advance(&poses.world_from_link, Some(0.01));
-        assert_eq!(settled.unsettled, 0, "at {depth} m after {} iterations", settled.iterations);
+        let convergence = equilibrium.advance(&poses.world_from_link, Some(0.01));
+        assert_eq!(
+            convergence.not_converged, 0,
+            "at {depth} m after {} iterations",
+            convergence.iterations
+        );
         equilibrium.torques(&poses).sum().abs()
     };
     depths_m.iter().map(force).collect()
@@ -152,8 +156,8 @@ fn press_down(body: Arc<ElasticBody>, to_m: f64) -> f64 {
     for step in 0..=40 {
         let down = -0.1 + (0.1 + to_m) * f64::from(step) / 40.0;
         let poses = arm.robot.forward(&[down]).expect("one joint");
-        let settled = equilibrium.advance(&poses.world_from_link, Some(0.01));
-        assert_eq!(settled.unsettled, 0, "at {down} m");
+        let convergence = equilibrium.advance(&poses.world_from_link, Some(0.01));
+        assert_eq!(convergence.not_converged, 0, "at {down} m");
         force = equilibrium.torques(&poses).sum().abs();
     }
     force

@@ -6,13 +6,13 @@ use crate::sdf::DistanceGrid;
 
 /// Pose of a link, prepared to transform points fast.
 #[derive(Debug, Clone)]
-pub(super) struct PlacedLink {
+pub(super) struct PosedLink {
     pub(super) world_from_link: Isometry3<f64>,
     /// The rotation as a matrix, which rotates points faster.
     pub(super) rotation: Rotation3<f64>,
 }
 
-impl PlacedLink {
+impl PosedLink {
     pub(super) fn new(world_from_link: &Isometry3<f64>) -> Self {
         let rotation = world_from_link.rotation.to_rotation_matrix();
         Self { world_from_link: *world_from_link, rotation }
@@ -81,13 +81,12 @@ fn corner_travel_m2(surface: &DistanceGrid, from: &Isometry3<f64>, to: &Isometry
     corners.map(|corner| (turn * corner.coords + shift).norm_squared()).fold(0.0, f64::max)
 }
 
-/// Upper bound of the motion, in the link's frame, of a point within `within_m` of a link's box while the link moves,
-/// m.
+/// Upper bound of the motion in the link's frame, m, of a point within `within_m` of a link's box while the link moves.
 ///
 /// In this frame a point x moves to `x' = M x` with `M = to⁻¹ from`. No point within a ball of radius ρ about the
 /// centre c of the box moves farther than `|M c − c| + 2 sin(θ/2) ρ`. Points within `within_m` of the box are in the
-/// ball whose radius is half the box's diagonal plus `within_m`; a point outside the ball comes closer by at most `|M c
-/// − c|` in a motion.
+/// ball whose radius is half the box's diagonal plus `within_m`; a point outside the ball comes closer by at most
+/// `|M c − c|` in a motion.
 pub(super) fn travel_in_link_m(
     surface: &DistanceGrid,
     within_m: f64,
