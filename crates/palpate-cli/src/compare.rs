@@ -18,17 +18,19 @@ const NOTES: &str = "Examples:
   palpate compare field.npz recordings/today
   palpate compare field.npz today/ --moved moved.npz
 
-A touch contradicts the field if it fits worse than the touches that `palpate map` held out to calibrate the field's
-bands. `contradiction` is its misfit divided by a limit that one in forty unchanged touches exceeds. Above 1, the
-change is the simplest one that explains most of the error: the object has moved (up to 6 cm over the ground, 2 cm up
-or down, and 17° about the vertical), or it is softer or harder. Otherwise it is another object, or changed in another
-way. The result is unknown if the field knows less than 10 % of what was touched, or less than 60 % and the touches
-contradict it. Each touch is compared alone, and all of them together.
+A touch contradicts the field if it fits worse than the touches that `palpate map` held out to \
+calibrate the field's bands. `contradiction` is its misfit divided by a limit that one in forty \
+unchanged touches exceeds. Above 1, the change is the simplest one that explains most of the \
+error: the object has moved (up to 6 cm over the ground, 2 cm up or down, and 17° about the \
+vertical), or it is softer or harder. Otherwise it is another object, or changed in another way. \
+The result is unknown if the field knows less than 10 % of what was touched, or less than 60 % \
+and the touches contradict it. Each touch is compared alone, and all of them together.
 
-A touch that repeats the path of one in the field's memory, to within a cell, is compared with the torque measured
-then: it contradicts the field if the torques differ by more than a quarter. Make such touches if you can: other
-touches fit the field less well even if nothing has changed, so that fewer changes are detected. If the arm meets
-almost no torque any more, or misses the object, the result is `softer`.";
+A touch that repeats the path of one in the field's memory, to within a cell, is compared with \
+the torque measured then: it contradicts the field if the torques differ by more than a quarter. \
+Make such touches if you can: other touches fit the field less well even if nothing has changed, \
+so that fewer changes are detected. If the arm meets almost no torque any more, or misses the \
+object, the result is `softer`.";
 
 /// Flags of `palpate compare`.
 #[derive(Debug, clap::Args)]

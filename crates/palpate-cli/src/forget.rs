@@ -21,10 +21,10 @@ const NOTES: &str = "Examples:
   palpate forget field.npz -o newer.npz --older-than 20
   palpate forget field.npz -o rest.npz --box 0.3 -0.1 0.4 0.5 0.1 0.6
 
-The result is, bit for bit, the field that `palpate map` learns from the other touches with the same settings: they
-are learned again from the samples in the field's memory (with `ekf` and drift, steps without contact do not count).
-Bands and chosen settings stay as they are.
-`palpate inspect FIELD.npz` lists the touches.
+The result is, bit for bit, the field that `palpate map` learns from the other touches with the \
+same settings: they are learned again from the samples in the field's memory (with `ekf` and \
+drift, steps without contact do not count). Bands and chosen settings stay as they are. `palpate \
+inspect FIELD.npz` lists the touches.
 
 --json prints {\"forgotten\": [names], \"touches\": left, \"cells_touched\", \"seconds\"}.";
 

@@ -20,13 +20,15 @@ const NOTES: &str = "Examples:
   palpate identify monday.mcap tuesday.mcap --robot ur10e.urdf --tool-link tool0 --currents -o arm.toml
   palpate map recordings/ --robot robot.urdf --arm arm.toml -o field.npz
 
-In the logs the arm must move freely, every joint in both directions, and partly slowly; `palpate excite` writes
-such a motion. Parameters that the logs determine poorly stay close to those of the URDF. Errors are measured on
-motion that was held out: whole touches, or quarters of them if there are fewer than three. Samples in which
-something is touched are left out, and a note says so.
+In the logs the arm must move freely, every joint in both directions, and partly slowly; `palpate \
+excite` writes such a motion. Parameters that the logs determine poorly stay close to those of \
+the URDF. Errors are measured on motion that was held out: whole touches, or quarters of them if \
+there are fewer than three. Samples in which something is touched are left out, and a note says \
+so.
 
---json contains the payload with standard deviations, and, if --tool-link is the flange, in the form of libfranka's
-setLoad and URScript's set_target_payload. The flags of the tare have no effect here: the bias is identified.";
+--json contains the payload with standard deviations, and, if --tool-link is the flange, in the \
+form of libfranka's setLoad and URScript's set_target_payload. The flags of the tare have no \
+effect here: the bias is identified.";
 
 /// Flags of `palpate identify`.
 #[derive(Debug, clap::Args)]

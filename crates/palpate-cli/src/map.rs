@@ -32,27 +32,31 @@ const EXAMPLES: &str = "Examples:
   palpate map recordings/ -o field.npz --estimator elastic --cloud object.ply
   palpate map recordings/ -o field.npz --rate 17
 
-A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file or
-a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet.
+A LOG is a folder of one touch (angles.npy, torques.npy), a folder of such folders, a .csv file \
+or a folder of them, a bag of ROS 2 (MCAP, SQLite) or Parquet.
 
-`map` chooses contact distance, friction, Coulomb friction, prior and stiffness scale by cross-validation on at most 16
-touches, those with the largest torques. Settings that a flag or --settings gives are not chosen. This needs at least
-three touches, and takes 15 seconds for eleven touches on two cores. With fewer touches, with --tune=off, and for all
-other settings the defaults are used; `palpate settings` prints them.
+`map` chooses contact distance, friction, Coulomb friction, prior and stiffness scale by \
+cross-validation on at most 16 touches, those with the largest torques. Settings that a flag or \
+--settings gives are not chosen. This needs at least three touches, and takes 20 seconds for \
+eleven touches on two cores. With fewer touches, with --tune=off, and for all other settings the \
+defaults are used; `palpate settings` prints them.
 
-The file of the field contains the memory of its touches, so that --from continues exactly where mapping stopped.
+The file of the field contains the memory of its touches, so that --from continues exactly where \
+mapping stopped.
 
---prior starts a new field, with the stiffness of another field as the prior mean of each cell: its
-own prior mean (`K_prior`) if it has one, else what it has learnt (`K`). The lattice must be the same.
+--prior starts a new field, with the stiffness of another field as the prior mean of each cell: \
+its own prior mean (`K_prior`) if it has one, else what it has learnt (`K`). The lattice must be \
+the same.
 
---cloud makes an elastic body from a coloured cloud of the object (estimator `elastic`). The body and
-the field then predict together. --from needs no cloud: the file contains the body and its touches.
-Without a LOG the body has the typical stiffness of other plants. With --from and without a LOG, it
-learns the touches in a field of `palpate live` that the body has not learnt yet.
+--cloud makes an elastic body from a coloured cloud of the object (estimator `elastic`). The body \
+and the field then predict together. --from needs no cloud: the file contains the body and its \
+touches. Without a LOG the body has the typical stiffness of other plants. With --from and \
+without a LOG, it learns the touches in a field of `palpate live` that the body has not learnt \
+yet.
 
---rate learns as if beside a robot that reports at this rate: every step uses its remaining time for
-replays. The field then depends on the speed of the machine, and differs a little from run to run;
-without --rate the same log and settings give the same field.";
+--rate learns as if beside a robot that reports at this rate: every step uses its remaining time \
+for replays. The field then depends on the speed of the machine, and differs a little from run to \
+run; without --rate the same log and settings give the same field.";
 
 /// Flags of `palpate map`.
 #[derive(Debug, clap::Args)]

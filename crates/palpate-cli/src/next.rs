@@ -23,18 +23,20 @@ const NOTES: &str = "Examples:
   palpate next field.npz --candidates planned/ --task reach.csv -o best.csv
   palpate next field.npz --candidates recordings/ --box 0.3 -0.1 0.4 0.5 0.1 0.6 --limit 8
 
-A candidate is a log of any format, of which only the joint positions are used; a CSV needs no torques. Each proposal is
-the motion after which, together with the proposals before it, the least variance of the task remains. The task is the
-torques of the --task motions, the stiffness in the --box, or else the torques of all candidates. `left` is the share
-of the variance that remains after the motion. --by information ranks by the information that a motion gives about all
+A candidate is a log of any format, of which only the joint positions are used; a CSV needs no \
+torques. Each proposal is the motion after which, together with the proposals before it, the \
+least variance of the task remains. The task is the torques of the --task motions, the stiffness \
+in the --box, or else the torques of all candidates. `left` is the share of the variance that \
+remains after the motion. --by information ranks by the information that a motion gives about all \
 cells that it touches, whatever the task, in nats (one nat: a quantity is known e times better).
 
---limit leaves out motions whose predicted torque may exceed it at a joint. The band for largest torques is added to the
-prediction (at 90 %, or the field's highest level if that is lower), or twice the standard deviation of the springs if
-the field has no bands. Cells that the field does not know may be stiffer.
+--limit leaves out motions whose predicted torque may exceed it at a joint. The band for largest \
+torques is added to the prediction (at 90 %, or the field's highest level if that is lower), or \
+twice the standard deviation of the springs if the field has no bands. Cells that the field does \
+not know may be stiffer.
 
-Motions in which a joint exceeds its position limits in the URDF by more than 0.01 rad or m are not proposed. Limits of
-speed, held joints, and joints that follow another one are not checked.";
+Motions in which a joint exceeds its position limits in the URDF by more than 0.01 rad or m are \
+not proposed. Limits of speed, held joints, and joints that follow another one are not checked.";
 
 /// Flags of `palpate next`.
 #[derive(Debug, clap::Args)]

@@ -18,14 +18,15 @@ const NOTES: &str = "Examples:
   palpate study lab/*/ --distances-m 0.024,0.03,0.036 --frictions 0.05,0.1,0.3
   palpate study lab/*/ --prior-stds 1,2,4 --curve --json > study.json
 
-Each OBJECT is a log, or a folder of them, of touches of one object. Each touch is predicted from the other
-touches of its object under the given settings and under every combination of those listed. The table has the
-mean relative error of each object under each of them (predicting zero has 1.00), then:
+Each OBJECT is a log, or a folder of them, of touches of one object. Each touch is predicted from \
+the other touches of its object under the given settings and under every combination of those \
+listed. The table has the mean relative error of each object under each of them (predicting zero \
+has 1.00), then:
 
   best of each          the best settings of each object, which are not known beforehand
   chosen on the others  the settings that are best on average over all other objects
 
-The difference between the two rows is what an object loses by settings that were chosen on other
+The difference between the two rows is what an object loses by settings that were chosen on other \
 objects, such as the defaults.";
 
 /// Flags of `palpate study`.

@@ -27,13 +27,14 @@ const NOTES: &str = "Examples:
   palpate torque push.mcap --robot fr3.urdf --arm arm.toml --free free.mcap --false-alarms 0.1 -o torques.mcap
   palpate torque push.mcap --robot fr3.urdf --arm arm.toml --wrench-link fr3_hand_tcp -o torques.parquet
 
-Without --arm (a file of `palpate identify`), the masses are those of the URDF, friction and sensor bias are not
-known and remain in the torques, and the standard deviation is a guess from the effort limits. --tare-frames N
-subtracts the mean of the first N samples of each touch; by default no tare is subtracted.
+Without --arm (a file of `palpate identify`), the masses are those of the URDF, friction and \
+sensor bias are not known and remain in the torques, and the standard deviation is a guess from \
+the effort limits. --tare-frames N subtracts the mean of the first N samples of each touch; by \
+default no tare is subtracted.
 
-A contact is reported where the torque of any joint, divided by its standard deviation, exceeds a threshold.
-Contact-free motion exceeds this threshold --false-alarms times per hour; it is determined from the logs of
---free, or from the motion that was held out in identification.";
+A contact is reported where the torque of any joint, divided by its standard deviation, exceeds a \
+threshold. Contact-free motion exceeds this threshold --false-alarms times per hour; it is \
+determined from the logs of --free, or from the motion that was held out in identification.";
 
 /// Flags of `palpate torque`.
 #[derive(Debug, clap::Args)]

@@ -20,13 +20,13 @@ const NOTES: &str = "Examples:
   palpate tune recordings/ --estimator ekf --candidates 40 -o tuned_ekf.toml
   palpate map recordings/ --settings tuned.toml -o field.npz
 
-Contact distance, friction, prior, torque noise, replays and stiffness scale are chosen by
-cross-validation: touches are predicted from other touches under candidate settings around the given
-ones, and successive halving keeps the better third of them, then the best. Only measured torques are
-used, never truth/.
+Contact distance, friction, Coulomb friction, prior, torque noise, replays and stiffness scale are chosen by \
+cross-validation: touches are predicted from other touches under candidate settings around the \
+given ones, and successive halving keeps the better third of them, then the best. Only measured \
+torques are used, never truth/.
 
-To know how well tuned settings predict touches that they were not chosen on, use
-`palpate evaluate --tune`, which chooses them anew in every fold.";
+To know how well tuned settings predict touches that they were not chosen on, use `palpate \
+evaluate --tune=thorough`, which chooses them anew in every fold.";
 
 /// Flags of `palpate tune`.
 #[derive(Debug, clap::Args)]

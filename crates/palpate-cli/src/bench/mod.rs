@@ -52,17 +52,17 @@ const EXAMPLES: &str = "Examples:
   palpate bench --rate 17 --touches 2        how many replays fit into a step at 17 Hz?
   palpate bench data/plant_a/seq_00* --answers data/plant_a/seq_010
 
-The log is learnt once before the clock starts (--warm-passes), so that memory is as full as in
-use, and once with the clock running (--passes). Steps are timed if their tare is known and they
-touch something. The whole step is timed as a user runs it; its two parts, the simulator and the
+The log is learnt once before the clock starts (--warm-passes), so that memory is as full as in \
+use, and once with the clock running (--passes). Steps are timed if their tare is known and they \
+touch something. The whole step is timed as a user runs it; its two parts, the simulator and the \
 update with its replays, are timed on one thread.
 
-With --rate the passes run in real time. The step is then timed without replays, and the number of
-replays that fitted into the remaining time is reported; it depends on the machine. The parts are
-measured with the replays of the settings, whatever the rate.
+With --rate the passes run in real time. The step is then timed without replays, and the number \
+of replays that fitted into the remaining time is reported; it depends on the machine. The parts \
+are measured with the replays of the settings, whatever the rate.
 
-With --answers, the mapper that has learnt the log predicts the torque along other touches, as
-`palpate live --ask` does. The result is compared with the exact one, of every spring at every
+With --answers, the mapper that has learnt the log predicts the torque along other touches, as \
+`palpate live --ask` does. The result is compared with the exact one, of every spring at every \
 point. Give touches that are not in the log.";
 
 /// Flags of `palpate bench`.

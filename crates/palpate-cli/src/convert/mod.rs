@@ -25,17 +25,17 @@ const NOTES: &str = "Examples:
   palpate convert field.npz -o scene.xml --above 1      points on springs, for MuJoCo
   palpate convert field.npz -o body.json                its elastic body, for --body
 
-The ending of the output selects the format. For a log: .mcap, .csv, or no ending for a folder of
-arrays. For a field (.npz): .npz, .ply with the columns K, K_std and N_obs, .vti (ParaView), .mcap with
-a PointCloud2 of x y z K K_std, .glb with the arm of --robot where its last touch began, .urdf with
-boxes around the cells, for planners and simulators, or .xml, a MuJoCo model of at most 1000 points on
-springs, each for a block of cells. For the most likely elastic body of a field, if it has one: .json
-with springs of wood of 0.48 GPa, which can be corrected by hand and given to map and evaluate as
---body; or .xml, a MuJoCo model with the learnt springs.
+The ending of the output selects the format. For a log: .mcap, .csv, or no ending for a folder of \
+arrays. For a field (.npz): .npz, .ply with the columns K, K_std and N_obs, .vti (ParaView), \
+.mcap with a PointCloud2 of x y z K K_std, .glb with the arm of --robot where its last touch \
+began, .urdf with boxes around the cells, for planners and simulators, or .xml, a MuJoCo model of \
+at most 1000 points on springs, each for a block of cells. For the most likely elastic body of a \
+field, if it has one: .json with springs of wood of 0.48 GPa, which can be corrected by hand and \
+given to map and evaluate as --body; or .xml, a MuJoCo model with the learnt springs.
 
-A bag has the names of the touches on the topic /palpate/touch, which palpate reads by default. Bags
-need joint names: if the log has none, those of --robot are used. Times are exact to the nanosecond in
-bags, and to the last bit elsewhere.";
+A bag has the names of the touches on the topic /palpate/touch, which palpate reads by default. \
+Bags need joint names: if the log has none, those of --robot are used. Times are exact to the \
+nanosecond in bags, and to the last bit elsewhere.";
 
 /// Flags of `palpate convert`.
 #[derive(Debug, clap::Args)]

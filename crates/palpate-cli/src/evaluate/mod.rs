@@ -38,8 +38,9 @@ const NOTES: &str = "Examples:
   palpate evaluate recordings/ --test push_7,push_8
   palpate evaluate plant_a/ --cloud plant_a/object.ply
 
-Every touch is predicted by methods that have learnt from other touches only: leave-one-touch-out,
-or --folds groups of touches, or the touches named by --test from all others. The methods are
+Every touch is predicted by methods that have learnt from other touches only: \
+leave-one-touch-out, or --folds groups of touches, or the touches named by --test from all \
+others. The methods are
 
   map      the exact maximum a posteriori      mlp  network, two layers of 128, Adam
   ekf      the paper's filter                  gp   Gaussian process, RBF kernel
@@ -47,20 +48,20 @@ or --folds groups of touches, or the touches named by --test from all others. Th
   zero     no torque at all
   elastic  with --cloud: an elastic body made from the cloud, and map for the rest of the torque
 
-Of these, mlp, gp and knn use joint angles only, and choose their hyperparameters on their training
-touches. All methods learn the same external torques: gravity and tare are subtracted.
+Of these, mlp, gp and knn use joint angles only, and choose their hyperparameters on their \
+training touches. All methods learn the same external torques: gravity and tare are subtracted.
 
-Errors are those of the paper's Table I for each touch, then mean and standard deviation over
+Errors are those of the paper's Table I for each touch, then mean and standard deviation over \
 touches. A touch that never reaches 1 N·m has no relative error, and is named.
 
-The folder of results gets report.html, which opens in a browser without a network, errors.csv, a
-picture for papers, and evaluation.json with every predicted torque. After Ctrl-C, the same command
-continues from the finished parts.
+The folder of results gets report.html, which opens in a browser without a network, errors.csv, a \
+picture for papers, and evaluation.json with every predicted torque. After Ctrl-C, the same \
+command continues from the finished parts.
 
-[estimator] in the settings applies to the estimator that it names (map by default); the other one
-keeps its default settings.
+[estimator] in the settings applies to the estimator that it names (map by default); the other \
+one keeps its default settings.
 
---json prints {\"methods\": [{\"name\", avg_error, max_error, avg_relative, max_relative, each
+--json prints {\"methods\": [{\"name\", avg_error, max_error, avg_relative, max_relative, each \
 {\"mean\", \"std\"}}], \"touches\": [...]}, N·m.";
 
 /// Notes which methods this program was built without, if all methods were requested.

@@ -38,9 +38,9 @@ const NOTES: &str = "Examples:
   palpate extrapolate field.npz plant.ply -o seen.ply --picture fig4.png --report seen.html --compare
   palpate map more/ --from filled.npz -o better.npz
 
-A CLOUD is a PLY or PCD file with colours, or a folder (or its rgbd/) with color.png, depth.png and
-camera.json, in the frame of the robot's base, m. Take the picture before the touches, without the
-arm in it.
+A CLOUD is a PLY or PCD file with colours, or a folder (or its rgbd/) with color.png, depth.png \
+and camera.json, in the frame of the robot's base, m. Take the picture before the touches, \
+without the arm in it.
 
 Points that look alike are assumed to be equally stiff:
 
@@ -48,22 +48,24 @@ Points that look alike are assumed to be equally stiff:
   cells   a Gaussian process learnt from the stiffness of touched cells
   knn     the paper's method: the 50 touched points nearest in features, RBF weights
 
-Without --method, palpate takes torque or cells, whichever predicts random halves of the remembered touches
-better from the other half; where both predict worse than the field alone, --field adds nothing to the
-field, with a warning.
+Without --method, palpate takes torque or cells, whichever predicts random halves of the \
+remembered touches better from the other half; where both predict worse than the field alone, \
+--field adds nothing to the field, with a warning.
 
-Features are a colour (chroma: without brightness; rgb; oklab), height and shape, joined by `+`.
-The stiffness of a point is that of a cell of the field's lattice, as in the field itself. K_std is
-the uncertainty of the regression; single points differ more.
+Features are a colour (chroma: without brightness; rgb; oklab), height and shape, joined by `+`. \
+The stiffness of a point is that of a cell of the field's lattice, as in the field itself. K_std \
+is the uncertainty of the regression; single points differ more.
 
---field writes the field with an extrapolated prior mean for the cells that the camera saw and no
-touch reached: `palpate predict` then predicts with them, and `palpate map --from` continues with
-them. `palpate map --prior` starts a new field with these prior means, and nothing of what was learnt.
+--field writes the field with an extrapolated prior mean for the cells that the camera saw and no \
+touch reached: `palpate predict` then predicts with them, and `palpate map --from` continues with \
+them. `palpate map --prior` starts a new field with these prior means, and nothing of what was \
+learnt.
 
---compare predicts random halves of the remembered touches from the other half, with and without
+--compare predicts random halves of the remembered touches from the other half, with and without \
 the prior, with every method and set of features.
 
---json prints {\"points\", \"touched\", \"method\", \"features\", \"stiffness\": {quantiles}, ...}.";
+--json prints {\"points\", \"touched\", \"method\", \"features\", \"stiffness\": {quantiles}, \
+...}.";
 
 /// Flags of `palpate extrapolate`.
 #[derive(Debug, clap::Args)]

@@ -30,7 +30,7 @@ const NOTES: &str = "Examples:
 
 A log is checked in the lattice of the settings, as `palpate map` would learn it.
 
-The exit code is 1 if an error was found, which would stop `palpate map` or `predict`, and 0
+The exit code is 1 if an error was found, which would stop `palpate map` or `predict`, and 0 \
 otherwise. With --strict, warnings count as errors.";
 
 /// Flags of `palpate inspect`.

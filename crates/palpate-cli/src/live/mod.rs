@@ -54,7 +54,7 @@ const EXAMPLES: &str = "Examples:
   palpate live -o field.npz --viewer
   palpate live -o field.npz --ask palpate.sock --cloud object.ply
 
-ROS need not be installed: palpate contains a DDS implementation. It subscribes to a topic of
+ROS need not be installed: palpate contains a DDS implementation. It subscribes to a topic of \
 sensor_msgs/msg/JointState with efforts, or of control_msgs/msg/DynamicJointState, and publishes
 
   /palpate/torque_external   the external torque, which the object exerts on the joints (JointState)
@@ -69,15 +69,16 @@ sensor_msgs/msg/JointState with efforts, or of control_msgs/msg/DynamicJointStat
   /palpate/guard             with --guard: the reason, with the time (DiagnosticArray)
   /diagnostics               rate, latency, dropped samples, contacts, errors (DiagnosticArray)
 
-and answers /palpate/tare, /palpate/reset and /palpate/save (std_srvs/srv/Trigger), and
-/palpate/ask (palpate_ros/srv/AskTrajectory). A touch begins when the arm pauses without contact, or,
-after a call of /palpate/tare, at the next pause, with or without contact. Samples may come at any rate;
-replays fill the time between them, so that the field depends on the speed of the machine. Ctrl-C saves
-the field and ends the session.
+and answers /palpate/tare, /palpate/reset and /palpate/save (std_srvs/srv/Trigger), and \
+/palpate/ask (palpate_ros/srv/AskTrajectory). A touch begins when the arm pauses without contact, \
+or, after a call of /palpate/tare, at the next pause, with or without contact. Samples may come \
+at any rate; replays fill the time between them, so that the field depends on the speed of the \
+machine. Ctrl-C saves the field and ends the session.
 
---cloud makes an elastic body from a coloured cloud of the object (estimator `elastic`). The body learns
-each touch once it is over. It is saved in the field's file, used together with the field to answer
-questions, and shown in the viewer. /palpate/torque_predicted and the guard use the field alone.";
+--cloud makes an elastic body from a coloured cloud of the object (estimator `elastic`). The body \
+learns each touch once it is over. It is saved in the field's file, used together with the field \
+to answer questions, and shown in the viewer. /palpate/torque_predicted and the guard use the \
+field alone.";
 
 /// Flags of `palpate live`.
 #[derive(Debug, clap::Args)]

@@ -28,18 +28,18 @@ const NOTES: &str = "Examples:
   palpate predict field.npz recordings/seq_010
   palpate predict field.npz plant_a/ --truth --picture torques.svg -o torques.csv
 
-Errors are those of the paper's Table I: the error of a frame is |predicted - measured| over all
-joints, in N·m; the relative error is that divided by |measured|, on frames of at least 1 N·m. Frames
-after the tare are scored. `overall` pools the frames of all touches. The error of predicting zero is
-given for comparison: a field with a larger error is worse than none.
+Errors are those of the paper's Table I: the error of a frame is |predicted - measured| over all \
+joints, in N·m; the relative error is that divided by |measured|, on frames of at least 1 N·m. \
+Frames after the tare are scored. `overall` pools the frames of all touches. The error of \
+predicting zero is given for comparison: a field with a larger error is worse than none.
 
-Lattice, contact model and torque convention (sign, gravity, tare) are those of the field. Flags and a
-settings file may change the robot, the log's format and the torque convention for this log; other
-sections of a settings file are not used here.
+Lattice, contact model and torque convention (sign, gravity, tare) are those of the field. Flags \
+and a settings file may change the robot, the log's format and the torque convention for this \
+log; other sections of a settings file are not used here.
 
---json prints {\"touches\": [{\"name\", \"frames\", avg_error, max_error, avg_relative, max_relative,
-\"zero\": {the same four}}], \"overall\": {...}}, errors in N·m, relative ones null where no frame
-reaches 1 N·m; `frames` are those scored.";
+--json prints {\"touches\": [{\"name\", \"frames\", avg_error, max_error, avg_relative, \
+max_relative, \"zero\": {the same four}}], \"overall\": {...}}, errors in N·m, relative ones null \
+where no frame reaches 1 N·m; `frames` are those scored.";
 
 /// Flags of `palpate predict`.
 #[derive(Debug, clap::Args)]

@@ -13,17 +13,18 @@ const NOTES: &str = "Examples:
   palpate view recordings/ --save touches.rrd
   palpate view recordings/ --connect=rerun+http://192.168.0.7:9876/proxy
 
-With a field and logs, the field predicts the logs' torques. With logs alone, a field is learnt from
-them while they are played, and the torque of each sample is predicted before the sample is learnt. A
-field alone is shown with the arm where its last touch ended, if the field has its memory.
+With a field and logs, the field predicts the logs' torques. With logs alone, a field is learnt \
+from them while they are played, and the torque of each sample is predicted before the sample is \
+learnt. A field alone is shown with the arm where its last touch ended, if the field has its \
+memory.
 
-Without --save and --connect, a Rerun viewer is started: the command `rerun`, of version 0.36, which
-comes with `pip install 'rerun-sdk==0.36.*'` or `cargo install --locked rerun-cli@0.36.0`. Its usage
-statistics are switched off first. An .rrd file can be opened by anyone who has that viewer: `rerun
-FILE.rrd`, or `rerun --web-viewer FILE.rrd` in a browser.
+Without --save and --connect, a Rerun viewer is started: the command `rerun`, of version 0.36, \
+which comes with `pip install 'rerun-sdk==0.36.*'` or `cargo install --locked rerun-cli@0.36.0`. \
+Its usage statistics are switched off first. An .rrd file can be opened by anyone who has that \
+viewer: `rerun FILE.rrd`, or `rerun --web-viewer FILE.rrd` in a browser.
 
-Of a field, the stiffest touched cells are drawn, those of the upper one and a half decades of
-stiffness, at most 10000. Of more than 300 contacts, 300 are drawn, the same ones from sample to
+Of a field, the stiffest touched cells are drawn, those of the upper one and a half decades of \
+stiffness, at most 10000. Of more than 300 contacts, 300 are drawn, the same ones from sample to \
 sample. The numbers beside them count all.";
 
 /// Flags of `palpate view`.

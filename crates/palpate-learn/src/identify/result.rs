@@ -442,8 +442,8 @@ fn of_stamps(read_times: ReadTimes) -> Option<String> {
     (corrected > 0).then(|| {
         format!(
             "in {corrected} {}, time stamps differ by {:.1} ms (root mean square) from the times at which the joints \
-             were read, as where a node publishes joint states again at a rate of its own; speeds are computed with \
-             corrected times, which follow from how the joints move together",
+             were read; a usual reason is a node that publishes joint states again at another rate; speeds are \
+             computed with corrected times, which follow from how the joints move together",
             if corrected == 1 { "touch" } else { "touches" },
             1e3 * rms_s
         )

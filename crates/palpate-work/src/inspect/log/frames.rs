@@ -205,8 +205,7 @@ pub(super) fn stamps(touches: &[RecordedTouch], robot: &Robot) -> Option<Finding
     let what = |n, touches| {
         format!(
             "in {}, time stamps differ from the times at which the joints were read (root mean square): \
-             {touches}; a usual reason is a node that publishes joint states again at a rate of its \
-             own",
+             {touches}; a usual reason is a node that publishes joint states again at another rate",
             counted(n, "touch"),
         )
     };
