@@ -24,7 +24,7 @@ unchanged touches exceeds. Above 1, the change is the simplest one that explains
 error: the object has moved (up to 6 cm over the ground, 2 cm up or down, and 17° about the \
 vertical), or it is softer or harder. Otherwise it is another object, or changed in another way. \
 The result is unknown if the field knows less than 10 % of what was touched, or less than 60 % \
-and the touches contradict it. Each touch is compared alone, and all of them together.
+and the touches contradict it but it predicts a part of their torque. Each touch is compared alone, and all of them together.
 
 A touch that repeats the path of one in the field's memory, to within a cell, is compared with \
 the torque measured then: it contradicts the field if the torques differ by more than a quarter. \

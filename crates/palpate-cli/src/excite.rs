@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use palpate::Robot;
 use palpate_learn::excite::{Excitation, ExciteConfig, excite};
 use palpate_work::quantile::extremes;
+use palpate_work::settings::sections::RobotSettings;
 use palpate_work::{Progress, robot};
 use serde_json::json;
 
@@ -26,7 +27,7 @@ The motion begins and ends at rest at --start. It respects the joints' limits of
 and torque, and avoids the ground and self-collision; links that are closer than 3 cm to each \
 other at the start count as neighbours, whose distance is not checked. Other obstacles are not \
 known: play the motion slowly first (--slow-down 10), with a hand on the emergency stop. A shell \
-accepts an argument of at most 128 kB, which --rate-hz 10 keeps to. Another --seed gives another \
+accepts an argument of at most 128 kB, which --rate-hz 10 keeps to without --slow-down. Another --seed gives another \
 motion. Log the motion, and give the log to `palpate identify`; three motions of different seeds \
 determine the arm better than one.";
 
@@ -109,7 +110,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut places = FilePaths::read(&args.settings, &settings, &[]);
     places.output("the motion (--output)", Some(&args.output))?;
     interrupt::listen();
-    let (arm, robot) = (robot::load(&settings.robot, output)?, logs::robot_flags(&settings.robot));
+    let arm = robot::load(&settings.robot, output)?;
+    // `identify` takes no --arm.
+    let robot = logs::robot_flags(&RobotSettings { arm: None, ..settings.robot.clone() });
     let mut config = ExciteConfig { around: args.start.clone(), ..ExciteConfig::default() };
     config.duration_s = args.duration.unwrap_or(config.duration_s);
     config.rate_hz = args.rate_hz.unwrap_or(config.rate_hz);

@@ -181,7 +181,10 @@ fn left_out(found: &Proposals) -> String {
     if !found.beyond_limit.is_empty() {
         let each = found.beyond_limit.iter();
         let each = each.map(|own| format!("{} ({:.1} N·m)", own.name, own.with_band_n_m));
-        text += &format!("Torque above --limit: {}.\n", each.collect::<Vec<_>>().join(", "));
+        text += &format!(
+            "Torque with its band above --limit: {}.\n",
+            each.collect::<Vec<_>>().join(", ")
+        );
     }
     if !found.beyond_joint_limits.is_empty() {
         let each = found.beyond_joint_limits.iter().map(|own| {

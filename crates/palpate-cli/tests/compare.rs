@@ -107,7 +107,8 @@ fn the_motion_that_is_most_like_the_task_is_proposed_and_written() {
     assert!((same - left(0)).abs() < 1e-6, "{again}");
     let text = succeed(&mut next(&["--limit", "0.001"]));
     assert!(
-        text.contains("Torque above --limit: far") || text.contains("Torque above --limit: near"),
+        text.contains("Torque with its band above --limit: far")
+            || text.contains("Torque with its band above --limit: near"),
         "{text}"
     );
     refuse(&mut next(&["--task", &scene.text("nothing")]), 1, &["nothing"]);

@@ -67,7 +67,8 @@ fn a_field_learnt_yesterday_is_a_prior_for_today() {
 
     let mut inspect = palpate();
     let text = succeed(inspect.arg("inspect").arg(scene.path("out/field.npz")));
-    let more = format!("{} cells more, expected by a prior", is.cells.len() - touched(&is.counts));
+    let more =
+        format!("{} cells more without a learnt frame", is.cells.len() - touched(&is.counts));
     assert!(text.contains(&more), "{text}");
     assert!(text.contains(&format!("{} touched", touched(&is.counts))), "{text}");
 }

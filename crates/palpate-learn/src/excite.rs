@@ -176,7 +176,12 @@ impl<'a> Search<'a> {
         let around: Vec<f64> = config.around.clone().unwrap_or_else(middle);
         if around.len() != robot.n_joints() {
             let (found, wanted) = (around.len(), robot.n_joints());
-            return wrong(format!("the start has {found} joint positions; the robot has {wanted}"));
+            let names: Vec<&str> = robot.joint_names().collect();
+            return wrong(format!(
+                "the start has {found} joint positions; wanted {wanted}, for {}; a joint that stands still is left out \
+                 with --hold JOINT=POSITION",
+                names.join(", ")
+            ));
         }
         for (joint, at) in robot.joints().iter().zip(&around) {
             if let Some([low, high]) = joint.range

@@ -222,7 +222,7 @@ fn finish_touch(
         let (log, name) = (touch.log.display(), &touch.name);
         progress.warn(&format!(
             "`{log}`: touch `{name}` has the same samples as touch #{number}, which the field has learned already, so \
-             they count twice now; `palpate forget --touch '#{number}'` removes the earlier touch"
+             they count twice now; `palpate forget FIELD.npz --touch '#{number}' -o OTHER.npz` removes the earlier touch"
         ));
     }
     mapper

@@ -7,6 +7,7 @@ use std::path::Path;
 use palpate_io::atomic;
 use palpate_io::log::bag_write::{Compression, TouchWriter};
 use palpate_io::log::write::{ArraysWriter, TableWriter};
+use palpate_work::inspect::counted;
 use palpate_work::robot;
 use palpate_work::touches::{TouchEvent, Touches};
 use palpate_work::{Bar, Progress};
@@ -103,7 +104,8 @@ pub(super) fn convert(
         );
     }
     let path = path.display();
-    output.result(&format!("{touched} touches with {samples} samples in all are in `{path}`.\n"))
+    let touches = counted(touched as usize, "touch");
+    output.result(&format!("`{path}` contains {touches}, {samples} samples in all.\n"))
 }
 
 /// The joint names of the robot in the settings, for a log without names.

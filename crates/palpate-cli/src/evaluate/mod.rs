@@ -95,7 +95,7 @@ pub(crate) struct Args {
     #[arg(long)]
     truth: bool,
     /// How settings are chosen in every fold, from its training touches only: `quick`: those of map that are not
-    /// given, as in `palpate map`; `thorough`: those of map and ekf, in many minutes; `off`: none
+    /// given, as in `palpate map`; `thorough` (or no value): those of map and ekf, in many minutes; `off`: none
     /// [default: quick]
     #[arg(
         long, value_name = "HOW", num_args = 0..=1, default_missing_value = "thorough",

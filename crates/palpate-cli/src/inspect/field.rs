@@ -16,7 +16,7 @@ pub(super) fn text(field: &FieldFacts) -> String {
     text += &fact("cells", &format!("{} touched", field.cells));
     if field.expected_cells > 0 {
         let only = counted(field.expected_cells, "cell");
-        text += &fact("", &format!("{only} more, expected by a prior and never touched"));
+        text += &fact("", &format!("{only} more without a learnt frame"));
     }
     if let Some(counts) = field.frames_per_cell {
         let counts = quantiles(counts, |frames| format!("{frames:.0}"));

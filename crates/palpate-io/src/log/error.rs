@@ -86,8 +86,8 @@ pub enum TableError {
     TooLarge { path: PathBuf, group: usize },
     /// Columns that are missing or ambiguous.
     #[error(
-        "`{path}`: {reason}. Its columns are {header}. Name those to read in the settings of the \
-         log{example}; leave out `time` or `touch` if there is no such column"
+        "`{path}`: {reason}. Its columns are {header}. Name those to read with --columns, \
+         or in the settings of the log{example}; leave out `time` or `touch` if there is no such column"
     )]
     Columns { path: PathBuf, reason: String, header: String, example: &'static str },
     /// A row that is longer or shorter than the header.

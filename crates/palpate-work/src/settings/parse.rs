@@ -128,7 +128,10 @@ impl From<Renamed> for String {
 
 /// A setting that is found from the data unless it is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(
+    untagged,
+    expecting = "wanted `auto` or one of the values in the comment of this key (`palpate settings`)"
+)]
 pub enum OrAuto<T> {
     /// Found from the data.
     Auto(Auto),

@@ -247,13 +247,13 @@ section! {
         /// High corner of the workspace box in the robot's base frame, m [default: 1.2,1.2,1.2]
         #[arg(long, value_name = "X,Y,Z", value_parser = vector3, allow_hyphen_values = true)]
         pub box_high_m: [f64; 3],
-        /// First point of the lattice, m; with `shape`, in place of the box
+        /// First point of the lattice, m; in place of the box, with --shape or its default
         #[arg(
             long, value_name = "X,Y,Z", value_parser = vector3, allow_hyphen_values = true,
             conflicts_with_all = ["box_low_m", "box_high_m"]
         )]
         pub origin_m: [f64; 3],
-        /// Points along x, y and z; with `origin_m`, in place of the box
+        /// Points along x, y and z; in place of the box, with --origin-m or its default
         #[arg(
             long, value_name = "NX,NY,NZ", value_parser = counts3,
             conflicts_with_all = ["box_low_m", "box_high_m"]

@@ -221,15 +221,17 @@ impl Touches {
             )));
         }
         let are = if named.is_some() { "the columns are" } else { "the torques are assumed to be" };
-        progress.note(&format!(
-            "`{path}`: {are} motor currents: they have the sign of the motors' torques (minus), and contain gravity"
-        ));
+        let mut assumed = Vec::new();
         if settings.torque_sign_given().is_none() {
             settings.torque_sign = Some(OrAuto::Is(TorqueSign::Minus));
+            assumed.push("their sign is that of the motors' torques (minus)");
         }
         if settings.gravity_given().is_none() {
             settings.gravity = Some(OrAuto::Is(Gravity::Included));
+            assumed.push("they contain gravity");
         }
+        let colon = if assumed.is_empty() { "" } else { ": " };
+        progress.note(&format!("`{path}`: {are} motor currents{colon}{}", assumed.join(", and ")));
         Ok(())
     }
 
