@@ -271,7 +271,7 @@ impl Robot {
     pub fn with_fixed_joint(mut self, joint: &str, position: f64) -> Result<Robot, RobotError> {
         let place = self.joints.iter().position(|own| own.name == joint);
         let held = place.ok_or_else(|| RobotError::Undeclared {
-            user: "--hold (setting `hold`)".into(),
+            user: "the name".into(),
             wanted: format!("joint `{joint}`"),
         })?;
         if self.joints.len() == 1 {
