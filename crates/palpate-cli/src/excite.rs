@@ -26,8 +26,8 @@ const NOTES: &str = "Examples:
 The motion begins and ends at rest at --start. It respects the joints' limits of position, speed \
 and torque, and avoids the ground and self-collision; links that are closer than 3 cm to each \
 other at the start count as neighbours, whose distance is not checked. Other obstacles are not \
-known: play the motion slowly first (--slow-down 10), with a hand on the emergency stop. A shell \
-accepts an argument of at most 128 kB, which --rate-hz 10 keeps to without --slow-down. Another --seed gives another \
+known: play the motion slowly first (--slow-down 10), with a hand on the emergency stop. Linux \
+accepts at most 128 KiB in one argument: use --rate-hz 10 and no --slow-down there. Another --seed gives another \
 motion. Log the motion, and give the log to `palpate identify`; three motions of different seeds \
 determine the arm better than one.";
 

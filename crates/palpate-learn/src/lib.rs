@@ -34,7 +34,7 @@ pub mod evaluate;
 pub mod evaluation;
 pub mod excite;
 pub mod extrapolate;
-mod field_rows;
+mod field_estimates;
 pub mod folds;
 pub mod identify;
 pub mod method;

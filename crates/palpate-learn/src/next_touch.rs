@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{LearnError, Stop, unless_stopped};
-use crate::field_rows::FieldEstimates;
+use crate::field_estimates::FieldEstimates;
 use crate::tracked::{TrackedFrame, TrackedTouches};
 
 /// About the most rows of the Gram matrix for frames.

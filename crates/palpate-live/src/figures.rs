@@ -12,7 +12,7 @@ const WINDOW: usize = 2000;
 
 /// A report while a session runs.
 #[derive(Debug, Clone)]
-pub enum SessionReport {
+pub enum SessionEvent {
     /// Rates, latencies, losses and errors.
     Figures(Box<SessionFigures>),
     /// A message to the user.

@@ -52,6 +52,6 @@ pub mod view_feed;
 mod wrench;
 
 pub use body::{BentBody, LiveElasticBody};
-pub use figures::SessionReport;
+pub use figures::SessionEvent;
 pub use query_server::QuerySocket;
 pub use run::{LiveConfig, MappedSample, run};

@@ -14,7 +14,7 @@ use crate::body::LiveElasticBody;
 use crate::checkpoint::Checkpoints;
 use crate::cloud;
 use crate::diagnostics;
-use crate::figures::{SessionCounters, SessionFigures, SessionReport};
+use crate::figures::{SessionCounters, SessionEvent, SessionFigures};
 use crate::guard::ALL_ZERO;
 use crate::joints::JointReader;
 use crate::latest_queue::LatestQueue;
@@ -266,7 +266,7 @@ impl<'a> Mapping<'a> {
                 let header = Header { stamp: self.header.stamp, ..Header::default() };
                 shared.outbox.diagnostics.push(diagnostics::of(&figures, robot, header));
             }
-            shared.news.push(SessionReport::Figures(Box::new(figures)));
+            shared.events.push(SessionEvent::Figures(Box::new(figures)));
         }
     }
 

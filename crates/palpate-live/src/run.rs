@@ -2,11 +2,11 @@
 //!
 //! ```text
 //! network ──► listen ──► LatestQueue ──► mapper ──► Outbox ──► publish ──► network
-//! process   (one thread)     (one thread)   │     (one thread)     process
-//!                               ▲           ├──► checkpoints (one thread)
-//!                 questions ────┘           ├──► elastic body (two threads)
-//!                                           ├──► frames for a viewer
-//!                                           └──► news, to the caller
+//! process   (one thread)           (one thread)   │     (one thread)     process
+//!                                     ▲           ├──► checkpoints (one thread)
+//!                       questions ────┘           ├──► elastic body (two threads)
+//!                                                 ├──► frames for a viewer
+//!                                                 └──► events, to the caller
 //! ```
 //!
 //! No thread waits for a slower one: every queue is bounded, and most keep the newest items.
@@ -19,13 +19,13 @@ use palpate::Sample;
 
 use crate::body::LiveElasticBody;
 use crate::checkpoint::{self, CheckpointConfig, Checkpoints};
-use crate::figures::SessionReport;
+use crate::figures::SessionEvent;
 use crate::guard::JointStateMonitor;
 use crate::latest_queue::LatestQueue;
 use crate::mapping::Mapping;
 use crate::query_server::{QueryServer, QuerySocket};
 use crate::ros::{NetworkError, NetworkProcess};
-use crate::services::{self, ServiceAnswerer};
+use crate::services::{self, ServiceHandler};
 use crate::session::{Session, SessionState};
 use crate::threads::{LOOK, Shared, listen, publish, spawn};
 use crate::view_feed::ViewFrame;
@@ -82,7 +82,7 @@ pub fn run(
     config: &LiveConfig,
     ask: Option<&QuerySocket>,
     stop: impl Fn() -> bool,
-    mut report: impl FnMut(SessionReport),
+    mut report: impl FnMut(SessionEvent),
 ) -> Result<(Session, Option<NetworkError>), NetworkError> {
     let arm = Arc::clone(session.mapper().arm());
     let guard = session.guard().cloned();
@@ -100,7 +100,7 @@ pub fn run(
         let mapping = Mapping::new(&shared, (session, config), checkpoints, requests);
         let (shared, body) = (&shared, config.body.as_deref());
         let queries = QueryServer { mapper: to_mapper, checker, shared, body: config.body.clone() };
-        let services = ServiceAnswerer {
+        let services = ServiceHandler {
             queries: queries.clone(),
             joints,
             has_file: config.checkpoint.is_some(),
@@ -127,8 +127,8 @@ pub fn run(
         }
         let mapper = spawn(scope, "mapper", || mapping.run());
         while !mapper.is_finished() {
-            if let Some(news) = shared.news.pop(LOOK) {
-                report(news);
+            if let Some(event) = shared.events.pop(LOOK) {
+                report(event);
             }
             if stop() || threads.iter().any(ScopedJoinHandle::is_finished) {
                 shared.stop();

@@ -22,7 +22,7 @@ pub(crate) const REQUESTS: usize = 8;
 const WRITING: Duration = Duration::from_secs(30);
 
 /// Answers the requests.
-pub(crate) struct ServiceAnswerer<'a> {
+pub(crate) struct ServiceHandler<'a> {
     /// Predicts torques; shared with the socket.
     pub(crate) queries: QueryServer<'a>,
     /// Names of the joints.
@@ -31,7 +31,7 @@ pub(crate) struct ServiceAnswerer<'a> {
     pub(crate) has_file: bool,
 }
 
-impl ServiceAnswerer<'_> {
+impl ServiceHandler<'_> {
     /// Answers requests until the session ends.
     pub(crate) fn run(&self, network: &NetworkProcess, asked: &Receiver<PendingRequest>) {
         while self.queries.shared.is_running() {

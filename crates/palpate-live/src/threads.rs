@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::{Sender, TrySendError};
 
 use crate::checkpoint::Written;
-use crate::figures::SessionReport;
+use crate::figures::SessionEvent;
 use crate::guard::{Cause, Guard, JointStateMonitor};
 use crate::latest_queue::LatestQueue;
 use crate::message::{AskTrajectoryResponse, JointState, TriggerResponse};
@@ -22,8 +22,8 @@ use crate::timer::Timer;
 
 /// Interval at which waiting threads check whether the session has ended.
 pub(crate) const LOOK: Duration = Duration::from_millis(20);
-/// Capacity of the queue of news.
-const NEWS: usize = 64;
+/// Capacity of the queue of events.
+const EVENTS: usize = 64;
 /// Interval between two messages with the state of the guard's flag. Listeners take 50 ms of silence
 /// for a flag that is up.
 const FLAG: Duration = Duration::from_millis(20);
@@ -58,7 +58,7 @@ pub(crate) struct Shared {
     pub(crate) samples: LatestQueue<JointMessage>,
     pub(crate) outbox: Outbox,
     pub(crate) guard: Option<Guard>,
-    pub(crate) news: LatestQueue<SessionReport>,
+    pub(crate) events: LatestQueue<SessionEvent>,
     /// Times from the arrival of a sample to the publishing of its prediction.
     pub(crate) latencies: LatestQueue<Duration>,
     /// Counts of all network processes that have ended, and of the present one.
@@ -78,7 +78,7 @@ impl Shared {
             samples: LatestQueue::new(queue),
             outbox: Outbox::default(),
             guard,
-            news: LatestQueue::new(NEWS),
+            events: LatestQueue::new(EVENTS),
             latencies: LatestQueue::new(queue),
             counts: Mutex::default(),
             tare: AtomicBool::new(false),
@@ -164,7 +164,7 @@ impl Shared {
     }
 
     pub(crate) fn note(&self, note: impl Into<String>) {
-        self.news.push(SessionReport::Note(note.into()));
+        self.events.push(SessionEvent::Note(note.into()));
     }
 }
 

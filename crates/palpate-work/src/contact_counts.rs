@@ -16,7 +16,7 @@ pub struct ContactCounts {
 
 /// The figures of [`ContactCounts`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-pub struct TouchedFigures {
+pub struct ContactFigures {
     /// Number of frames in the log.
     pub frames: u64,
     /// Frames in which the arm touches points of the lattice.
@@ -55,8 +55,8 @@ impl ContactCounts {
     }
 
     /// The figures, with the number of touched cells.
-    pub fn figures(&self, cells_touched: usize) -> TouchedFigures {
-        TouchedFigures {
+    pub fn figures(&self, cells_touched: usize) -> ContactFigures {
+        ContactFigures {
             frames: self.frames,
             frames_in_contact: self.frames_in_contact(),
             contacts_median: self.contacts_median(),

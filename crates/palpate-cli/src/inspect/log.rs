@@ -1,7 +1,7 @@
 //! The facts of a log, as text.
 
 use palpate_io::log::{AngleUnit, CsvColumns, LogFormat};
-use palpate_work::contact_counts::TouchedFigures;
+use palpate_work::contact_counts::ContactFigures;
 use palpate_work::inspect::log::{LogFacts, LogInterpretation, Matching, TouchFacts};
 use palpate_work::inspect::{counted, number, word};
 
@@ -124,8 +124,8 @@ fn touch_row(touch: &TouchFacts, joints: &[String]) -> Vec<String> {
     ]
 }
 
-fn touched_text(touched: &TouchedFigures) -> String {
-    let TouchedFigures { frames, frames_in_contact, contacts_median, cells_touched } = touched;
+fn touched_text(touched: &ContactFigures) -> String {
+    let ContactFigures { frames, frames_in_contact, contacts_median, cells_touched } = touched;
     format!(
         "{frames_in_contact} of {frames} frames touch it, {contacts_median} points in the median, \
          {cells_touched} cells in all"

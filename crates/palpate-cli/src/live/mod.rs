@@ -22,7 +22,7 @@ use palpate_live::ros::{
     FlagTopics, NetworkConfig, NetworkProcess, ParamValue, Parameter, ServiceEncoding, TopicNames,
 };
 use palpate_live::session::Session;
-use palpate_live::{LiveConfig, LiveElasticBody, QuerySocket, SessionReport, run as run_live};
+use palpate_live::{LiveConfig, LiveElasticBody, QuerySocket, SessionEvent, run as run_live};
 use palpate_work::Progress;
 use palpate_work::settings::named;
 use palpate_work::torque::{ThresholdSource, threshold};
@@ -488,7 +488,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         mapped: Some(reporter.inbox()),
         body: body.clone(),
     };
-    let show = |news| reporter.show(news);
+    let show = |event| reporter.show(event);
     let (session, defect) =
         run_live(&network, session, &config, ask.as_ref(), stop, show).map_err(CliError::file)?;
     let (mut shown, wrong) = reporter.end();
@@ -521,7 +521,7 @@ fn save(
     file_paths::save(path, &saved)?;
     if let Some(waiting) = body.map(LiveElasticBody::waiting).filter(|waiting| *waiting > 0) {
         let path = path.display();
-        shown.show(SessionReport::Note(format!(
+        shown.show(SessionEvent::Note(format!(
             "the elastic body has not learnt the last touches ({waiting}) yet, but the field contains \
              them; learn them with `palpate map --from {path} -o {path}`"
         )));

@@ -1,15 +1,15 @@
-//! What the user of a live session reads: news, and warnings of what looks wrong.
+//! What the user of a live session reads: events, and warnings of what looks wrong.
 
 use std::cell::RefCell;
 use std::sync::Arc;
 
 use palpate_live::latest_queue::LatestQueue;
-use palpate_live::{MappedSample, SessionReport};
+use palpate_live::{MappedSample, SessionEvent};
 
 use super::checker::Checker;
 use super::status::Shown;
 
-/// Shows news and warnings.
+/// Shows events and warnings.
 pub(super) struct Reporter {
     shown: RefCell<Shown>,
     checker: Checker,
@@ -28,8 +28,8 @@ impl Reporter {
         self.checker.inbox()
     }
 
-    pub(super) fn show(&self, news: SessionReport) {
-        self.shown.borrow_mut().show(news);
+    pub(super) fn show(&self, event: SessionEvent) {
+        self.shown.borrow_mut().show(event);
     }
 
     /// Prints new warnings; returns whether one of them ends the session.

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use indicatif::ProgressBar;
-use palpate_live::SessionReport;
+use palpate_live::SessionEvent;
 use palpate_live::figures::SessionFigures;
 use palpate_live::session::{Session, SessionState};
 use palpate_work::Progress;
@@ -19,7 +19,7 @@ const LINE: Duration = Duration::from_secs(10);
 /// Time between two lines of JSON.
 const JSON: Duration = Duration::from_secs(1);
 
-/// Shows the news of a session.
+/// Shows the events of a session.
 pub(super) struct Shown {
     output: Output,
     json: bool,
@@ -37,14 +37,14 @@ impl Shown {
         Self { output, json, bar, terminal, last_line: None, last: None }
     }
 
-    /// Shows one piece of news. That standard output is closed is an error only at the end.
-    pub(super) fn show(&mut self, news: SessionReport) {
-        match news {
-            SessionReport::Note(note) if self.json => {
+    /// Shows one event. That standard output is closed is an error only at the end.
+    pub(super) fn show(&mut self, event: SessionEvent) {
+        match event {
+            SessionEvent::Note(note) if self.json => {
                 let _ = self.output.json_line(&json!({ "note": note }));
             }
-            SessionReport::Note(note) => self.bar.suspend(|| self.output.note(&note)),
-            SessionReport::Figures(figures) => self.figures(*figures),
+            SessionEvent::Note(note) => self.bar.suspend(|| self.output.note(&note)),
+            SessionEvent::Figures(figures) => self.figures(*figures),
         }
     }
 

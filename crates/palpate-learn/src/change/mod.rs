@@ -30,7 +30,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::calibrate::{PredictedFrame, misfit};
 use crate::error::{LearnError, Stop};
-use crate::field_rows::FieldEstimates;
+use crate::field_estimates::FieldEstimates;
 use crate::tracked::{TrackedFrame, TrackedTouch, TrackedTouches};
 use moved::{ObjectMotion, Sampler, Wanted};
 use repeated::{Learnt, Repeated};

@@ -17,7 +17,7 @@ use palpate::{Arm, Field};
 
 use crate::calibrate::PredictedFrame;
 use crate::error::{LearnError, Stop, unless_stopped};
-use crate::field_rows::FieldEstimates;
+use crate::field_estimates::FieldEstimates;
 use crate::tracked::{TrackedFrame, TrackedTouch, TrackedTouches};
 
 use super::moved::ObjectMotion;

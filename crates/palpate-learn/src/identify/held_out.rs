@@ -53,7 +53,7 @@ pub(super) struct HeldOutSample {
 }
 
 /// Selects one of the residuals of a held-out sample.
-pub(super) type Of = fn(&HeldOutSample) -> &Vec<f64>;
+pub(super) type ResidualOf = fn(&HeldOutSample) -> &Vec<f64>;
 
 /// Half windows that are tried for causal differentiation (on a running robot), s.
 const CAUSAL_WINDOWS_S: [f64; 5] = [0.05, 0.1, 0.15, 0.25, 0.4];
@@ -112,7 +112,7 @@ pub(super) fn of(
 
     let urdf = TorqueModel { window_s: settings.window_s, ..TorqueModel::of_urdf(robot) };
     let of_urdf = read(&vec![Some(urdf); FOLDS], Differentiation::Centred)?;
-    let each: [(&[Vec<HeldOutSample>], Of); 3] = [
+    let each: [(&[Vec<HeldOutSample>], ResidualOf); 3] = [
         (&left, |left| &left.gravity),
         (&of_urdf, |left| &left.identified),
         (&left, |left| &left.identified),

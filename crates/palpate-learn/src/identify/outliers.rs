@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::held_out::{HeldOutSample, Of};
+use super::held_out::{HeldOutSample, ResidualOf};
 
 /// Largest share of the samples that counts as few.
 const FEW: f64 = 0.01;
@@ -54,7 +54,7 @@ impl ResidualOutliers {
         let has = |touch: &usize| in_touch(*touch).map(|(square, ..)| square).sum::<f64>();
         let touch = (0..left.len()).max_by(|a, b| has(a).total_cmp(&has(b)))?;
         let rows = || in_touch(touch).map(|(.., own)| own.row);
-        let rms = |of: Of| {
+        let rms = |of: ResidualOf| {
             let squares = others.iter().map(|(.., own)| square(of(own))).sum::<f64>();
             (squares / others.len() as f64).sqrt()
         };

@@ -76,7 +76,7 @@ impl Mapper {
         Ok(resumed.expect("nothing stops it"))
     }
 
-    /// As [`Mapper::resume`]. `step` is called after every sample of the sample log; when it returns false, resuming
+    /// As [`Mapper::resume`]. `goes_on` is called after every sample of the sample log; when it returns false, resuming
     /// stops and `None` is returned.
     ///
     /// # Errors
@@ -85,7 +85,7 @@ impl Mapper {
     pub fn resume_unless_stopped(
         arm: Arc<Arm>,
         snapshot: Snapshot,
-        step: impl FnMut() -> bool,
+        goes_on: impl FnMut() -> bool,
     ) -> Result<Option<Self>, MapperError> {
         let (learnt, fingerprint) = &snapshot.robot;
         if *fingerprint != arm.fingerprint() {
@@ -108,7 +108,7 @@ impl Mapper {
         }
         mapper.observations = ObservationBuilder::new(rows);
         mapper.prior_means_n_per_m = snapshot.prior_means_n_per_m;
-        let simulated = mapper.simulate_again(&snapshot.sample_log, &snapshot.state, step)?;
+        let simulated = mapper.simulate_again(&snapshot.sample_log, &snapshot.state, goes_on)?;
         let Some(observations) = simulated else { return Ok(None) };
         mapper.tracker.set_learnt_s(snapshot.learnt_s);
         let points_m = mapper.observations.rows().points_m();
@@ -128,7 +128,7 @@ impl Mapper {
         &mut self,
         sample_log: &[LoggedTouch],
         state: &EstimatorState,
-        mut step: impl FnMut() -> bool,
+        mut goes_on: impl FnMut() -> bool,
     ) -> Result<Option<Vec<Observation>>, MapperError> {
         let n_joints = self.tracker.arm().robot.n_joints();
         let mut found: Vec<Option<Observation>> = vec![None; state.remembered.len()];
@@ -158,7 +158,7 @@ impl Mapper {
                         None => observation,
                     });
                 }
-                if !step() {
+                if !goes_on() {
                     return Ok(None);
                 }
             }

@@ -52,7 +52,7 @@ use serde::Serialize;
 
 use super::field::LatticeFacts;
 use super::finding::Finding;
-use crate::contact_counts::TouchedFigures;
+use crate::contact_counts::ContactFigures;
 use crate::conventions::KnownConvention;
 use crate::error::WorkError;
 use crate::progress::Progress;
@@ -87,7 +87,7 @@ pub struct LogFacts {
     /// The lattice in which contacts are simulated.
     pub lattice: LatticeFacts,
     /// Counts of touched points and cells, as `map` would find; only if the joints match the robot's.
-    pub touched: Option<TouchedFigures>,
+    pub touched: Option<ContactFigures>,
     /// The touches, in their order.
     pub touches: Vec<TouchFacts>,
 }
@@ -227,7 +227,7 @@ struct Read<'a> {
 /// Facts and findings about touches.
 struct Judged {
     reading: LogInterpretation,
-    touched: TouchedFigures,
+    touched: ContactFigures,
     touches: Vec<TouchFacts>,
     findings: Vec<Finding>,
 }

@@ -1,4 +1,4 @@
-//! Results never take the place of what is read, nor of each other.
+//! Outputs never overwrite inputs, nor each other.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
 mod common;
