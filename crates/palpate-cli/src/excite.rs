@@ -26,10 +26,10 @@ const NOTES: &str = "Examples:
 The motion begins and ends at rest at --start. It respects the joints' limits of position, speed \
 and torque, and avoids the ground and self-collision; links that are closer than 3 cm to each \
 other at the start count as neighbours, whose distance is not checked. Other obstacles are not \
-known: play the motion slowly first (--slow-down 10), with a hand on the emergency stop. Linux \
-accepts at most 128 KiB in one argument: use --rate-hz 10 and no --slow-down there. Another --seed gives another \
-motion. Log the motion, and give the log to `palpate identify`; three motions of different seeds \
-determine the arm better than one.";
+known: play the motion slowly first (--slow-down 10), with a hand on the emergency stop. For \
+`ros2 topic pub`, use --rate-hz 10 and no --slow-down: Linux accepts at most 128 KiB in one \
+argument. Another --seed gives another motion. Log the motion, and give the log to `palpate \
+identify`; three motions of different seeds determine the arm better than one.";
 
 /// Flags of `palpate excite`.
 #[derive(Debug, clap::Args)]
