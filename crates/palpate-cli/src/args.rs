@@ -1,8 +1,9 @@
 //! The command line: subcommands, and the flags that all of them share.
 
+use std::ffi::OsString;
 use std::ops::RangeInclusive;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{Arg, CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
 
 use crate::error::CliError;
@@ -28,6 +29,20 @@ pub(crate) struct Cli {
     pub file_memory: Option<f64>,
     #[command(subcommand)]
     pub command: Command,
+}
+
+impl Cli {
+    /// Parses a command line, in which every value may be a negative number; ends the process with the help or an
+    /// error if it asks for help or cannot be parsed.
+    pub(crate) fn of(arguments: impl IntoIterator<Item = OsString>) -> Self {
+        let number = |arg: Arg| {
+            let has_value = arg.get_action().takes_values();
+            arg.allow_negative_numbers(has_value)
+        };
+        let command = Self::command().mut_subcommands(|command| command.mut_args(number));
+        let found = command.get_matches_from(arguments);
+        Self::from_arg_matches(&found).unwrap_or_else(|error| error.exit())
+    }
 }
 
 #[derive(Debug, Subcommand)]

@@ -7,7 +7,7 @@ use palpate::Robot;
 use palpate_learn::excite::{Excitation, ExciteConfig, excite};
 use palpate_work::quantile::extremes;
 use palpate_work::settings::sections::RobotSettings;
-use palpate_work::{Progress, robot};
+use palpate_work::{Progress, held_joints, robot};
 use serde_json::json;
 
 use crate::args::number_in;
@@ -110,7 +110,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut places = FilePaths::read(&args.settings, &settings, &[]);
     places.output("the motion (--output)", Some(&args.output))?;
     interrupt::listen();
-    let arm = robot::load(&settings.robot, output)?;
+    let arm = held_joints::without_fingers(robot::load(&settings.robot, output)?, output)?;
     // `identify` takes no --arm.
     let robot = logs::robot_flags(&RobotSettings { arm: None, ..settings.robot.clone() });
     let mut config = ExciteConfig { around: args.start.clone(), ..ExciteConfig::default() };

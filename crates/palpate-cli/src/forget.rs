@@ -47,7 +47,7 @@ pub(crate) struct Args {
     older_than: Option<usize>,
     /// Forget the touches in which the arm went through a point of this box: two corners, m
     #[arg(
-        long = "box", num_args = 6, group = "which", allow_negative_numbers = true,
+        long = "box", num_args = 6, group = "which",
         value_names = ["X", "Y", "Z", "X", "Y", "Z"],
         value_parser = number_in(f64::MIN..=f64::MAX, "a finite coordinate, m")
     )]

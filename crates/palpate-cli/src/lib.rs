@@ -47,7 +47,6 @@ mod view;
 
 use std::ffi::OsString;
 
-use clap::Parser;
 use palpate_work::error::with_causes;
 
 use args::{Cli, Command};
@@ -63,7 +62,7 @@ pub use program::Program;
 pub fn command(arguments: impl IntoIterator<Item = OsString>, program: Program) -> u8 {
     program.begin();
     std::panic::set_hook(Box::new(apologise));
-    let cli = Cli::parse_from(arguments);
+    let cli = Cli::of(arguments);
     let output = Output { quiet: cli.quiet };
     if let Some(gib) = cli.file_memory {
         palpate_io::input::set_largest((gib * f64::from(1 << 30)) as u64);

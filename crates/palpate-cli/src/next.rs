@@ -53,7 +53,7 @@ pub(crate) struct Args {
     task: Vec<PathBuf>,
     /// Box whose stiffness is to be known well, as far as candidates touch it: two corners, m
     #[arg(
-        long = "box", id = "task_box", num_args = 6, allow_negative_numbers = true,
+        long = "box", id = "task_box", num_args = 6,
         value_names = ["X", "Y", "Z", "X", "Y", "Z"],
         value_parser = number_in(f64::MIN..=f64::MAX, "a finite coordinate, m")
     )]
@@ -164,7 +164,8 @@ fn text(found: &Proposals) -> String {
             format!("{:.0} nats", own.proposal.information_nats),
             format!("{:.0} %", 100.0 * own.proposal.unknown),
             format!("{torque:.2}"),
-            format!("{most:.2}"),
+            // Without bands, both torques are the same.
+            if most > torque { format!("{most:.2}") } else { "-".to_owned() },
         ]
     });
     format!(

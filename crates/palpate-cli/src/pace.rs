@@ -35,7 +35,7 @@ pub(crate) struct PaceArgs {
     /// Rate of the steps, from 0.1 to 100000 Hz: instead of a fixed number of replays, each step makes
     /// as many as fit into its remaining time (`ekf`: at most `replays`). The field then depends on
     /// the speed of the machine
-    #[arg(long, value_name = "HZ", value_parser = hertz, allow_negative_numbers = true)]
+    #[arg(long, value_name = "HZ", value_parser = hertz)]
     rate: Option<f64>,
 }
 

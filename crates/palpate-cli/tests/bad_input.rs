@@ -137,6 +137,7 @@ fn an_output_that_cannot_be_written_is_refused_before_any_work() {
     refuse(&mut scene.map(&["log"], &["-o", &file]), 1, &["tiny.urdf"]);
     refuse(&mut scene.map(&["log"], &["-o", &scene.text("out")]), 1, &["folder"]);
     refuse(&mut scene.map(&["log"], &["-o", &scene.text("no/f.npz")]), 1, &["no folder"]);
+    refuse(&mut scene.map(&["log"], &["-o", &scene.text("f.ply")]), 2, &["f.ply", ".npz"]);
     if cfg!(target_os = "linux") {
         refuse(&mut scene.map(&["log"], &["-o", "/proc/field.npz"]), 1, &["/proc/field.npz"]);
         refuse(&mut scene.map(&["log"], &["-o", "/dev/full"]), 1, &["/dev/full"]);

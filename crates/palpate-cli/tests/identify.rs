@@ -107,9 +107,9 @@ fn currents_of_a_ur_get_gains_and_are_refused_without_them() {
     );
     assert_eq!(report["contacts"].as_array().unwrap().len(), 0, "{report}");
 
-    for command in ["torque", "map"] {
+    for (command, output) in [("torque", "none.csv"), ("map", "none.npz")] {
         refuse(
-            palpate().arg(command).arg(path("currents")).args(["-o"]).arg(path("none.csv")),
+            palpate().arg(command).arg(path("currents")).args(["-o"]).arg(path(output)),
             2,
             &["/currents`", "motor currents", "palpate identify", "--arm"],
         );
@@ -244,6 +244,8 @@ fn free_motion_has_no_contact_and_its_largest_torque_is_reported() {
     assert!(String::from_utf8(inspect.output().unwrap().stdout).unwrap().contains("no_start"));
     let report = json(inspect.arg("--arm").arg(&arm));
     assert!(!report.to_string().contains("no_start"), "{report}");
+    let tare = ["--tare-frames", "99999"];
+    refuse(torque(&free, &arm).args(tare), 1, &["the touch ends after", "99999"]);
     let removed = ["--torque-sign", "plus", "--gravity", "removed"];
     let (_, stderr) = printed(torque(&free, &arm).args(removed));
     assert!(stderr.contains("these torques contain no gravity, and --arm"), "{stderr}");

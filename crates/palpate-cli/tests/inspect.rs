@@ -262,6 +262,19 @@ fn fingers_that_are_not_in_a_log_stand_still_and_are_named() {
         let matched = note.contains("`gen3_Actuator1` is `Actuator1`");
         assert_eq!(matched, log == "named.csv", "{note}");
     }
+    // A bag has the names of the joints that are in the log; a motion moves the arm only.
+    let with_robot = |command: &str, output: &Path| {
+        let mut run = common::palpate();
+        run.args([command, "--robot"]).arg(path("gripper.urdf")).arg("-o").arg(output);
+        run
+    };
+    let bag = path("arrays.mcap");
+    common::succeed(with_robot("convert", &bag).arg(path("arrays")));
+    assert!(look(&bag, &["--strict"]).status.success());
+    let motion = path("motion.csv");
+    common::succeed(with_robot("excite", &motion).args(["--rate-hz", "10"]));
+    let motion = fs::read_to_string(motion).unwrap();
+    assert!(motion.starts_with("time,Actuator1_position,") && !motion.contains("finger"));
     let refused = look(&path("arrays"), &["--hold", "nose=1"]);
     let message = common::stderr(&refused);
     assert!(refused.status.code() == Some(2) && message.contains("`nose`"), "{message}");

@@ -99,9 +99,17 @@ fn a_tare_is_given_in_one_way_only() {
 
 #[test]
 fn values_out_of_range_are_refused() {
-    for (flag, value, key) in
-        [("--bake-spacing-m", "0.06", "bake_spacing_m"), ("--replays", "100001", "replays")]
-    {
+    for (flag, value, key) in [
+        ("--bake-spacing-m", "0.06", "bake_spacing_m"),
+        ("--replays", "100001", "replays"),
+        ("--torque-std", "-3", "torque_std"),
+        ("--prior-std", "0", "prior_std"),
+        ("--prior-mean", "-1", "prior_mean"),
+        ("--friction", "-0.1", "friction"),
+        ("--contact-distance-m", "0.05", "contact_distance_m"),
+        ("--still-rad", "-1", "still_rad"),
+        ("--idle-s", "-1", "idle_s"),
+    ] {
         refuse(palpate().args(["settings", flag, value]), 2, &["bad setting", key, value]);
     }
     succeed(palpate().args(["settings", "--bake-spacing-m", "0.05", "--replays", "100000"]));

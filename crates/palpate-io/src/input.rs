@@ -48,7 +48,14 @@ pub fn too_large() -> String {
 ///
 /// If the path is a folder, a pipe, a socket or a device, or as [`File::open`].
 pub fn open(path: &Path) -> io::Result<File> {
-    match kind(path.metadata()?.file_type()) {
+    let metadata = path.metadata().map_err(|error| match error.kind() {
+        ErrorKind::NotFound => io::Error::new(
+            error.kind(),
+            "there is no such file; check the spelling and the current folder",
+        ),
+        _ => error,
+    })?;
+    match kind(metadata.file_type()) {
         Some(kind) => {
             Err(io::Error::new(ErrorKind::InvalidInput, format!("it is {kind}, not a file")))
         }

@@ -10,11 +10,16 @@ use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::Held;
 
-/// Whether a joint seems to belong to a gripper.
-fn is_finger(joint: &Joint) -> bool {
+/// Whether a joint has the name of a gripper's joint.
+fn has_finger_name(joint: &Joint) -> bool {
     let name = joint.name.to_lowercase();
     let parts = ["finger", "gripper", "knuckle", "jaw", "claw", "thumb"];
-    joint.kind == JointKind::Prismatic || parts.iter().any(|part| name.contains(part))
+    parts.iter().any(|part| name.contains(part))
+}
+
+/// Whether a joint that a log lacks seems to belong to a gripper.
+fn is_finger(joint: &Joint) -> bool {
+    joint.kind == JointKind::Prismatic || has_finger_name(joint)
 }
 
 /// Names of the first matched joint in the log and in the robot, if they differ.
@@ -41,21 +46,48 @@ pub(crate) fn not_in_log(robot: &Robot, names: Option<&[String]>, count: usize) 
         Some(names) => unmatched(&own, names),
         None => ((count.min(joints.len())..joints.len()).collect(), 1),
     };
-    let present = (0..joints.len()).filter(|joint| !missing.contains(joint));
-    let links: Vec<LinkId> = present.map(|joint| joints[joint].child).collect();
+    let may_stand = |joint: &Joint| unknown == 0 || is_finger(joint);
+    standing(robot, &missing, may_stand)
+}
+
+/// These joints, standing still in the middle of their ranges; empty if one of them carries a link of another joint or
+/// must not stand still.
+fn standing(robot: &Robot, still: &[usize], may_stand: impl Fn(&Joint) -> bool) -> Vec<Held> {
+    let joints = robot.joints();
+    let moving = (0..joints.len()).filter(|joint| !still.contains(joint));
+    let links: Vec<LinkId> = moving.map(|joint| joints[joint].child).collect();
     let can_stand = |&joint: &usize| {
         let joint = &joints[joint];
         let at_tip = !links.iter().any(|link| robot.carries(joint, *link));
-        at_tip && (unknown == 0 || is_finger(joint))
+        at_tip && may_stand(joint)
     };
-    if links.is_empty() || !missing.iter().all(can_stand) {
+    if links.is_empty() || !still.iter().all(can_stand) {
         return Vec::new();
     }
     let held = |&joint: &usize| Held {
         joint: joints[joint].name.clone(),
         position: joints[joint].middle(),
     };
-    missing.iter().map(held).collect()
+    still.iter().map(held).collect()
+}
+
+/// The arm with a gripper's joints standing still in the middle of their ranges, for motions that the arm's controller
+/// executes: it does not know these joints.
+///
+/// # Errors
+///
+/// If a joint cannot be made to stand still.
+pub fn without_fingers(arm: Arc<Arm>, progress: &dyn Progress) -> Result<Arc<Arm>, WorkError> {
+    let joints = arm.robot.joints().iter().enumerate();
+    let fingers: Vec<usize> =
+        joints.filter(|(_, joint)| has_finger_name(joint)).map(|(j, _)| j).collect();
+    let held = standing(&arm.robot, &fingers, |_| true);
+    if held.is_empty() {
+        return Ok(arm);
+    }
+    let arm = Arc::new(holding(&arm, &held)?);
+    note_held(&arm, &held, "the motion", progress);
+    Ok(arm)
 }
 
 /// The arm with which a field was learnt, if that is `arm` with some fingers standing still; else `arm`.

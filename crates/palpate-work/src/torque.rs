@@ -110,7 +110,11 @@ pub fn torques(
     }
     let of_touch = |touch: &RecordedTouch| {
         let n = arm.robot.n_joints();
-        let first = &touch.samples[..settings.tare_frames.min(touch.samples.len())];
+        let first = touch.samples.get(..settings.tare_frames).ok_or_else(|| {
+            let found = touch.samples.len() as u32;
+            let error = TrackerError::TareTooLong { found, wanted: settings.tare_frames as u32 };
+            touch.fault(format!("touch `{}`", touch.name), error.into())
+        })?;
         let mut tare = DVector::zeros(n);
         for sample in first {
             tare += DVector::from_column_slice(&sample.tau) / first.len() as f64;

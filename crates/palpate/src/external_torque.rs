@@ -7,6 +7,7 @@ use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
 use crate::robot::{Poses, Robot};
+use crate::setting::SettingError;
 use crate::tare::Tare;
 use crate::tracker::TrackerError;
 
@@ -64,6 +65,22 @@ impl Default for ExternalTorqueConfig {
 }
 
 impl ExternalTorqueConfig {
+    /// Checks the settings that are numbers.
+    ///
+    /// # Errors
+    ///
+    /// Names the first setting that is out of its range.
+    pub fn check(&self) -> Result<(), SettingError> {
+        if !(self.still_rad >= 0.0 && self.still_rad.is_finite()) {
+            let (found, wanted) = (self.still_rad, "zero or more, and finite");
+            return Err(SettingError::new("still_rad", found, wanted));
+        }
+        if self.tare == Tare::Frames(0) {
+            return Err(SettingError::new("tare_frames", 0.0, "at least 1"));
+        }
+        Ok(())
+    }
+
     /// Measured torque with the sign of τ_ext, minus gravity at these poses but not minus the tare, n_joints, N·m.
     ///
     /// # Errors

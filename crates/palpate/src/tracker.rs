@@ -17,7 +17,7 @@ use crate::lattice::Lattice;
 use crate::motion::{MotionError, MotionSimulator, Substeps};
 use crate::robot::{Poses, RobotError};
 use crate::setting::SettingError;
-use crate::tare::{Tare, TouchTare};
+use crate::tare::TouchTare;
 
 /// Joint positions and torques of the robot at one moment.
 #[derive(Debug, Clone, PartialEq)]
@@ -146,13 +146,7 @@ impl Tracker {
         contact: &ContactConfig,
         config: ExternalTorqueConfig,
     ) -> Result<Self, SettingError> {
-        if !(config.still_rad >= 0.0 && config.still_rad.is_finite()) {
-            let (found, wanted) = (config.still_rad, "zero or more, and finite");
-            return Err(SettingError::new("still_rad", found, wanted));
-        }
-        if config.tare == Tare::Frames(0) {
-            return Err(SettingError::new("tare_frames", 0.0, "at least 1"));
-        }
+        config.check()?;
         let motion = MotionSimulator::new(arm, lattice, contact)?;
         Ok(Self { motion, config, begun: false, tare: None, downsampling: Downsampling::default() })
     }

@@ -3,7 +3,9 @@
 use std::f64::consts::TAU;
 use std::io;
 use std::path::Path;
+use std::sync::Arc;
 
+use palpate::Arm;
 use palpate_io::atomic;
 use palpate_io::log::bag_write::{Compression, TouchWriter};
 use palpate_io::log::write::{ArraysWriter, TableWriter};
@@ -62,7 +64,7 @@ pub(super) fn convert(
         output.note("the torques are motor currents, but the output does not record that");
     }
     if settings.log.pauses().is_some() {
-        let arm = robot::load(&settings.robot, output)?;
+        let arm = arm_of_log(&mut touches, settings, output)?;
         let config = settings.config()?;
         touches = touches.for_arm(&arm, &settings.log, (config.lattice, config.contact))?;
     }
@@ -70,7 +72,8 @@ pub(super) fn convert(
     let (is_arrays, is_of_robot) =
         (matches!(format, Format::Arrays), settings.robot.robot.is_some());
     if is_arrays && is_of_robot {
-        touches.reorder_to(&*robot::load(&settings.robot, output)?);
+        let arm = arm_of_log(&mut touches, settings, output)?;
+        touches.reorder_to(&arm);
     }
     let Some(TouchEvent::Touch(first)) = touches.advance()? else {
         return Err(CliError::from(format!("`{}` holds no touch", input.display())));
@@ -84,7 +87,7 @@ pub(super) fn convert(
         ));
     }
     let joints = match (format, joints) {
-        (Format::Bag(_), None) => Some(names_of_robot(settings, output)?),
+        (Format::Bag(_), None) => Some(names_of_robot(&mut touches, settings, output)?),
         (_, joints) => joints,
     };
     let bar = output.begin(touches.samples(), "frames", "converting");
@@ -108,9 +111,23 @@ pub(super) fn convert(
     output.result(&format!("`{path}` contains {touches}, {samples} samples in all.\n"))
 }
 
-/// The joint names of the robot in the settings, for a log without names.
-fn names_of_robot(settings: &Settings, output: &Output) -> Result<Vec<String>, CliError> {
+/// The robot in the settings, without the fingers that the log lacks.
+fn arm_of_log(
+    touches: &mut Touches,
+    settings: &Settings,
+    output: &Output,
+) -> Result<Arc<Arm>, CliError> {
     let arm = robot::load(&settings.robot, output)?;
+    touches.arm_of_logs(arm, &mut settings.robot.clone(), output)
+}
+
+/// The joint names of the robot in the settings, for a log without names.
+fn names_of_robot(
+    touches: &mut Touches,
+    settings: &Settings,
+    output: &Output,
+) -> Result<Vec<String>, CliError> {
+    let arm = arm_of_log(touches, settings, output)?;
     let name = settings.robot.name();
     output.note(&format!("the log contains no joint names; the bag gets those of `{name}`"));
     Ok(arm.robot.joint_names().map(str::to_owned).collect())

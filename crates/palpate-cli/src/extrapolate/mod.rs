@@ -168,7 +168,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     write(&args.output, cloud, &found.extrapolation)?;
     if let Some(path) = &args.field {
         field::save(path, &filled(saved.clone(), &found.cells)).map_err(CliError::file)?;
-        if saved.field.calibration.is_some() {
+        if saved.field.calibration.is_some() && !found.cells.is_empty() {
             output.note("the new field has no bands: they were calibrated for the old one");
         }
     }
@@ -183,7 +183,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         return output.json(&summary.json(files, elapsed));
     }
     output.result(&summary.text(files, elapsed))?;
-    let Some(field) = &args.field else { return Ok(()) };
+    let filled = args.field.as_ref().filter(|_| !found.cells.is_empty());
+    let Some(field) = filled else { return Ok(()) };
     let (field, robot) = (field.display().to_string(), logs::robot_flags(&settings.robot));
     let field = logs::quoted(&field);
     output.result(&format!("Next: palpate map LOG --from {field} -o FIELD.npz{robot}\n"))

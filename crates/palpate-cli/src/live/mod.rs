@@ -376,7 +376,7 @@ impl Args {
             ("joints", log.joints.is_some()),
             ("split_gap_s", log.split_gap_s.is_some()),
             ("split_idle", log.split_idle.is_some()),
-            ("idle_s", log.idle_s.is_some()),
+            ("idle_s (here it is --idle)", log.idle_s.is_some()),
         ];
         let given: Vec<&str> = given.into_iter().filter(|own| own.1).map(|own| own.0).collect();
         if !given.is_empty() {
@@ -501,7 +501,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         save(path, &session, body.as_deref(), &mut shown)?;
     }
     drop(hold);
-    shown.end(&session, args.output.as_deref())?;
+    shown.end(&session, args.output.as_deref(), args.no_map)?;
     match (defect, wrong) {
         (Some(defect), _) => Err(CliError::file(defect)),
         (None, Some(wrong)) => Err(CliError::from(format!("{wrong} (--strict)"))),

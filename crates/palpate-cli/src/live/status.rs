@@ -78,8 +78,13 @@ impl Shown {
         self.bar.finish_and_clear();
     }
 
-    /// Prints the result of the session.
-    pub(super) fn end(&self, session: &Session, path: Option<&Path>) -> Result<(), CliError> {
+    /// Prints the result of a session, and the path if a field was saved.
+    pub(super) fn end(
+        &self,
+        session: &Session,
+        path: Option<&Path>,
+        no_map: bool,
+    ) -> Result<(), CliError> {
         let (frames, _) = session.mapper().memory();
         let cells = session.mapper().n_cells();
         if self.json {
@@ -90,6 +95,7 @@ impl Shown {
         }
         let mut text = match path {
             Some(path) => format!("The field is in `{}`.\n", path.display()),
+            None if no_map => String::new(),
             None => "The field was not saved (--output FIELD.npz saves it).\n".to_owned(),
         };
         if let Some(figures) = &self.last {
@@ -106,6 +112,7 @@ impl Shown {
 /// The state of the session in words, with the cause if the robot must stop.
 fn state(figures: &SessionFigures) -> String {
     let does = match figures.state {
+        SessionState::Waiting if figures.received == 0 => "waiting for joint states",
         SessionState::Waiting => "waiting for the arm to pause",
         SessionState::Taring => "taking the tare",
         SessionState::Mapping => "mapping",

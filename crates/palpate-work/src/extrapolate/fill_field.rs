@@ -10,6 +10,9 @@ use palpate_io::field::SavedField;
 /// Touched cells keep their learnt stiffness. The snapshot gets the new cells, too, so that a mapper that continues has
 /// the same prior means.
 pub fn filled(mut saved: SavedField, expected: &[(CellId, f64)]) -> SavedField {
+    if expected.is_empty() {
+        return saved;
+    }
     let SavedField { field, snapshot, prior_n_per_m, .. } = &mut saved;
     // Bands were calibrated on other predictions.
     field.calibration = None;

@@ -21,7 +21,8 @@ const BAKE_SPACING_LIMIT_M: f64 = 0.05;
 const REPLAYS_LIMIT: f64 = 100_000.0;
 
 impl Settings {
-    /// Refuses values that the core accepts but that cannot be intended.
+    /// Refuses values that are out of range, whatever the robot and the log are, and values that the core accepts but
+    /// that cannot be intended.
     pub fn check(&self) -> Result<(), SettingsError> {
         let spacing_m = self.robot.bake_spacing_m.unwrap_or(0.0);
         let replays = f64::from(self.estimator.replays.unwrap_or(0));
@@ -33,6 +34,12 @@ impl Settings {
                 return Err(SettingsError::TooLarge { key, found, limit, reason });
             }
         }
+        let base = MapperConfig::of(self.estimator.estimator.unwrap_or_default());
+        let config = self.with_lattice(base.lattice.clone(), &base);
+        config.contact.check().map_err(SettingsError::value)?;
+        config.touch.check().map_err(SettingsError::value)?;
+        let n_joints = config.estimator.torque_std.len(); // their number is compared with the robot's later
+        config.estimator.torque_variance(n_joints).map_err(SettingsError::value)?;
         self.log.check()
     }
 
@@ -177,15 +184,20 @@ impl LogSettings {
                 "bad setting: split_gap_s is {gap_s}; it must be above 0 s, and finite"
             )));
         }
-        self.pauses().map_or(Ok(()), |config| config.check()).map_err(SettingsError::value)
+        self.pause().check().map_err(SettingsError::value)
     }
 
     /// What counts as a pause, if logs are to be split at pauses.
     pub fn pauses(&self) -> Option<PauseConfig> {
+        self.split_idle.unwrap_or_default().then(|| self.pause())
+    }
+
+    /// What counts as a pause.
+    fn pause(&self) -> PauseConfig {
         let mut config = PauseConfig::default();
         config.idle_s = self.idle_s.unwrap_or(config.idle_s);
         config.renew_s = config.renew_s.max(config.idle_s);
-        self.split_idle.unwrap_or_default().then_some(config)
+        config
     }
 
     /// Refuses degrees for a robot with a prismatic joint.

@@ -127,7 +127,7 @@ section! {
         )]
         pub no_cache: bool,
         /// Spacing of baked signed distances, m [default: 0.005]
-        #[arg(long, value_name = "M", allow_negative_numbers = true)]
+        #[arg(long, value_name = "M")]
         pub bake_spacing_m: f64 => bake.spacing_m,
         /// Joints that are not in the logs and stand still, with their positions, rad or m
         /// [default: fingers that are missing in a log, in the middle of their range]
@@ -144,7 +144,7 @@ section! {
         #[arg(long, value_name = "LINK")]
         pub payload_link: String,
         /// Mass of the payload, kg
-        #[arg(long, value_name = "KG", allow_negative_numbers = true)]
+        #[arg(long, value_name = "KG")]
         pub payload_mass_kg: f64,
         /// Centre of mass of the payload in its link's frame, m [default: 0,0,0]
         #[arg(long, value_name = "X,Y,Z", value_parser = vector3, allow_hyphen_values = true)]
@@ -189,7 +189,7 @@ section! {
         )]
         pub strict: bool,
         /// Start a new touch where two samples are farther apart than this, s
-        #[arg(long, value_name = "S", allow_negative_numbers = true)]
+        #[arg(long, value_name = "S")]
         pub split_gap_s: f64 => split_gap_s,
         /// Start a new touch where the arm stands still for --idle-s and touches nothing
         #[arg(
@@ -199,7 +199,7 @@ section! {
         pub split_idle: bool,
         /// How long the arm must stand still for --split-idle, s; if samples have no times, for 25 samples
         /// [default: 0.5]
-        #[arg(long, value_name = "S", allow_negative_numbers = true)]
+        #[arg(long, value_name = "S")]
         pub idle_s: f64,
     }
 }
@@ -229,7 +229,7 @@ section! {
         )]
         pub no_tare: bool,
         /// How far a joint may move and still count as standing still, rad (m for a prismatic joint) [default: 0.002]
-        #[arg(long, value_name = "RAD", allow_negative_numbers = true)]
+        #[arg(long, value_name = "RAD")]
         pub still_rad: f64 => still_rad,
     }
 }
@@ -239,7 +239,7 @@ section! {
     #[command(next_help_heading = "Lattice")]
     pub struct LatticeSettings of () {
         /// Distance between neighbouring points, m [default: 0.012]
-        #[arg(long, value_name = "M", allow_negative_numbers = true)]
+        #[arg(long, value_name = "M")]
         pub spacing_m: f64,
         /// Low corner of the workspace box in the robot's base frame, m [default: -1.2,-1.2,-1.2]
         #[arg(long, value_name = "X,Y,Z", value_parser = vector3, allow_hyphen_values = true)]
@@ -267,23 +267,23 @@ section! {
     #[command(next_help_heading = "Contact")]
     pub struct ContactSettings of ContactConfig {
         /// Distance from the surface of a link at which it begins to push a point, m [default: 0.024]
-        #[arg(long, value_name = "M", allow_negative_numbers = true)]
+        #[arg(long, value_name = "M")]
         pub contact_distance_m: f64 => contact_distance_m,
         /// Tangential over normal displacement at which a point begins to slip [default: 0.3]
-        #[arg(long, value_name = "MU", allow_negative_numbers = true)]
+        #[arg(long, value_name = "MU")]
         pub friction: f64 => friction,
         /// Coefficient of Coulomb friction: tangential over normal force, against the motion of the link. With 0, the
         /// tangential force is that of the spring [default: 0.0]
-        #[arg(long, value_name = "MU", allow_negative_numbers = true)]
+        #[arg(long, value_name = "MU")]
         pub coulomb_friction: f64 => coulomb_friction,
         /// Farthest that a point slips in one iteration, m [default: 0.006]
-        #[arg(long, value_name = "M", allow_negative_numbers = true)]
+        #[arg(long, value_name = "M")]
         pub slip_step_m: f64 => slip_step_m,
         /// Slip iterations of one motion; 0 makes all points stick [default: 10]
         #[arg(long, value_name = "N")]
         pub slip_iterations: u32 => slip_iterations,
         /// Farthest that a link moves in one sub-step, in cells [default: 0.5]
-        #[arg(long, value_name = "CELLS", allow_negative_numbers = true)]
+        #[arg(long, value_name = "CELLS")]
         pub substep_cells: f64 => substep_cells,
         /// Whether points inside the arm at the start of a touch are empty space [default: true]
         #[arg(long, value_name = "BOOL")]
@@ -305,11 +305,11 @@ section! {
         pub estimator: EstimatorKind,
         /// Expected stiffness of an untouched cell of 1 cm, N/m; scales with the spacing to the power 3
         /// [default: 0.0 for map, 0.006 for ekf]
-        #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
+        #[arg(long, value_name = "N_PER_M")]
         pub prior_mean: f64 => prior.mean_n_per_m,
         /// Standard deviation of the stiffness of an untouched cell of 1 cm, N/m; scales with the spacing to the
         /// power 1.5 [default: 0.76]
-        #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
+        #[arg(long, value_name = "N_PER_M")]
         pub prior_std: f64 => prior.std_n_per_m,
         /// Torque that the model may leave unexplained, N·m: one value, or one for each joint
         /// [default: 0.2 for map, 1.5 for ekf]
@@ -317,10 +317,10 @@ section! {
         pub torque_std: Vec<f64> => torque_std,
         /// How much the stiffness of a cell of 1 cm may change in one step, N/m (standard deviation); `ekf` only
         /// [default: 0.0]
-        #[arg(long, value_name = "N_PER_M", allow_negative_numbers = true)]
+        #[arg(long, value_name = "N_PER_M")]
         pub drift_std: f64 => drift_std_n_per_m,
         /// Factor on the stiffness in results and predictions, from 0 to 1; `map` only [default: 1.0]
-        #[arg(long, value_name = "SCALE", allow_negative_numbers = true)]
+        #[arg(long, value_name = "SCALE")]
         pub stiffness_scale: f64 => stiffness_scale,
         /// Number of remembered frames that are used again after each new frame [default: 20]
         #[arg(long, value_name = "N")]

@@ -179,7 +179,7 @@ impl EstimatorConfig {
     /// Names the first setting out of range.
     pub fn torque_variance(&self, n_joints: usize) -> Result<DVector<f64>, EstimatorError> {
         let at_least_zero =
-            [("prior mean", self.prior.mean_n_per_m), ("drift_std", self.drift_std_n_per_m)];
+            [("prior_mean", self.prior.mean_n_per_m), ("drift_std", self.drift_std_n_per_m)];
         for (setting, found) in at_least_zero {
             if !(0.0..=LARGEST).contains(&found) {
                 let wanted = "from 0 to 1e9 N/m";
@@ -189,7 +189,7 @@ impl EstimatorConfig {
         let found = self.prior.std_n_per_m;
         if !(SMALLEST..=LARGEST).contains(&found) {
             let wanted = "from 1e-9 to 1e9 N/m";
-            return Err(SettingError::new("prior std", found, wanted).into());
+            return Err(SettingError::new("prior_std", found, wanted).into());
         }
         if !(0.0..=1.0).contains(&self.stiffness_scale) {
             return Err(
