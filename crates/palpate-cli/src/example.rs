@@ -1,4 +1,5 @@
-//! An evaluation and a scene made up for tests: three touches, four methods, an arm of two links.
+//! An evaluation and a scene made up for tests: three touches, four methods, an arm of seven joints, two of whose links
+//! have shapes.
 
 use palpate::{Arm, BakeConfig, ContactConfig, ExternalTorqueConfig, Field, Lattice, Robot};
 use palpate_learn::evaluation::{Evaluation, HeldOutTouch, MethodPrediction, MethodSummary};

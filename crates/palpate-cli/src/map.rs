@@ -365,8 +365,7 @@ impl Summary<'_> {
         found.push(("time", seconds(elapsed)));
         found.extend(self.pace.as_ref().map(|pace| ("pace", pace.text())));
         let before = tally.before_learning();
-        if let (Some(errors), Some(zero)) = (before.errors, before.zero) {
-            let [map, zero] = [errors, zero].map(|errors| errors.avg_error);
+        if let (Some(map), Some(zero)) = (before.errors.avg_error, before.zero.avg_error) {
             let error = format!("{map:.3} N·m on average (predicting zero: {zero:.3} N·m)");
             found.push(("error before learning a frame", error));
         }

@@ -19,7 +19,7 @@ use crate::args::number_in;
 use crate::error::CliError;
 use crate::file_paths::{self, FilePaths};
 use crate::output::{Output, table};
-use crate::settings::{RobotAndLogSettings, Settings, TareFrames};
+use crate::settings::{RobotAndLogSettings, Settings};
 use crate::{interrupt, logs};
 
 const NOTES: &str = "Examples:
@@ -58,7 +58,8 @@ pub(crate) struct Args {
     /// Use only past samples at each sample, as `palpate live` does
     #[arg(long)]
     causal: bool,
-    /// Also give the force and moment at the origin of this link that explain the torques best, in base axes
+    /// Also write the force and moment at the origin of this link that explain the torques best, in base axes (.csv,
+    /// .parquet)
     #[arg(long, value_name = "LINK")]
     wrench_link: Option<String>,
     /// Print contacts and noise as JSON
@@ -75,6 +76,11 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     args.free.iter().for_each(|log| places.log(log));
     places.output("the torques (--output)", args.output.as_deref())?;
     let format = args.output.as_deref().map(format_of).transpose()?;
+    if args.wrench_link.is_some() && matches!(format, None | Some(TorqueFormat::Mcap)) {
+        return Err(CliError::Usage(
+            "the wrench of --wrench-link is written to tables only: give --output FILE.csv or FILE.parquet".to_owned(),
+        ));
+    }
     interrupt::listen();
     let differentiation =
         if args.causal { Differentiation::Causal } else { Differentiation::Centred };
@@ -85,10 +91,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         })?),
         None => None,
     };
-    let tare_frames = match settings.touch.tare_frames {
-        Some(TareFrames::First(frames)) => frames as usize,
-        _ => 0,
-    };
+    let tare_frames = settings.touch.first_frames();
     let how = TorqueSettings { bandwidth_hz: args.bandwidth_hz, tare_frames, wrench_link };
     let found = torques(&arm, &touches.read_for(&arm, &settings, output)?, &how, output)?;
     let free = if args.free.is_empty() {

@@ -17,6 +17,9 @@
 //! | [`input`]            | regular files, not pipes or devices               |                                      |
 //! | [`atomic`]           |                                                   | any file, whole or not at all        |
 //!
+//! Many functions return an error that is "the end of a message": a text that continues a sentence which begins with the
+//! name of the file, as in "`arm.stl` is truncated". The caller, which knows the name, puts both together.
+//!
 //! Nothing of the method is computed here: [`field`] saves the state of an estimator without interpreting it.
 #![forbid(unsafe_code)]
 

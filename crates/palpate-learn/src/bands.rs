@@ -47,7 +47,7 @@ pub struct Class {
 }
 
 /// Names of the classes of frames, by how many of the touched cells are known.
-pub const CLASSES: [&str; 3] = ["no contact", "mostly known cells", "mostly unseen cells"];
+pub const CLASSES: [&str; 3] = ["no contact", "mostly known cells", "mostly untouched cells"];
 
 /// Coverage of the bands of a method. All touches have the same weight; in `classes`, all torques have.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -64,7 +64,7 @@ pub struct PartError {
 impl EvaluationPlan {
     /// All parts of the plan, those that take longest first.
     pub fn parts(&self) -> Vec<(Method, usize)> {
-        let cost = |method: &Method| match method {
+        let rank = |method: &Method| match method {
             Method::Elastic | Method::Ekf => 0,
             Method::Map => 1,
             Method::Mlp => 2,
@@ -72,7 +72,7 @@ impl EvaluationPlan {
             Method::Knn | Method::Uniform | Method::Zero => 4,
         };
         let mut methods = self.methods.clone();
-        methods.sort_by_key(cost);
+        methods.sort_by_key(rank);
         let folds = |method: Method| self.todo.iter().map(move |&fold| (method, fold));
         methods.into_iter().flat_map(folds).collect()
     }

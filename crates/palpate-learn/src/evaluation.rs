@@ -1,4 +1,4 @@
-//! Result of an evaluation: the numbers of Table I, and all data of its figures.
+//! Result of an evaluation: the numbers of Table I, and all data of its pictures.
 
 use serde::{Deserialize, Serialize};
 

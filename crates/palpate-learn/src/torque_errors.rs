@@ -67,22 +67,23 @@ impl Running {
 }
 
 impl ErrorSum {
-    /// Sums over frames, from predicted and true external torques, each n_joints, N·m.
+    /// Sums over frames, from predicted external torques and their targets, the measured or true ones, each n_joints, N·m.
     pub fn of<P: AsRef<[f64]>, T: AsRef<[f64]>>(
         predicted: impl IntoIterator<Item = P>,
-        truth: impl IntoIterator<Item = T>,
+        targets: impl IntoIterator<Item = T>,
     ) -> Self {
         let mut sum = Self::default();
-        for (predicted, truth) in predicted.into_iter().zip(truth) {
-            sum.add(predicted.as_ref(), truth.as_ref());
+        for (predicted, target) in predicted.into_iter().zip(targets) {
+            sum.add(predicted.as_ref(), target.as_ref());
         }
         sum
     }
 
-    /// Adds a frame: predicted and true external torque, n_joints, N·m.
-    pub fn add(&mut self, predicted: &[f64], truth: &[f64]) {
-        let error = predicted.iter().zip(truth).map(|(p, t)| (p - t) * (p - t)).sum::<f64>().sqrt();
-        let size = truth.iter().map(|t| t * t).sum::<f64>().sqrt();
+    /// Adds a frame: predicted external torque and its target, n_joints, N·m.
+    pub fn add(&mut self, predicted: &[f64], target: &[f64]) {
+        let error =
+            predicted.iter().zip(target).map(|(p, t)| (p - t) * (p - t)).sum::<f64>().sqrt();
+        let size = target.iter().map(|t| t * t).sum::<f64>().sqrt();
         self.error.add(error);
         self.size.add(size);
         if size >= RELATIVE_FROM {

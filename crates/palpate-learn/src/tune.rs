@@ -391,7 +391,7 @@ fn draw(config: &MapperConfig, effort: SearchBudget) -> Vec<MapperConfig> {
         estimator.torque_std.iter_mut().for_each(|std| *std *= scale);
         estimator.replays = REPLAYS[pick(REPLAYS.len())];
         let fits = candidate.contact.check().is_ok();
-        // The first candidate is not compared: a copy of it will differ by the sensor noise that is added.
+        // A copy of the first candidate is kept: `with_noise_of` will add the noise of the sensors to all others.
         if fits && !candidates[1..].contains(&candidate) {
             candidates.push(candidate);
         }

@@ -96,7 +96,11 @@ pub(crate) fn external_torques<'py>(
         let model = Some((model, differentiation));
         let touches = opened(sources, &settings.log)?;
         let recorded = read(touches, (&robot, &mut settings), model, progress)?;
-        let how = TorqueSettings { bandwidth_hz, tare_frames: 0, wrench_link: None };
+        let how = TorqueSettings {
+            bandwidth_hz,
+            tare_frames: settings.touch.first_frames(),
+            wrench_link: None,
+        };
         let found = torque::torques(&robot.arm, &recorded, &how, progress)?;
         torque::warn_if_always_touched(&found, (threshold, from), progress);
         Ok((found, (from != torque::ThresholdSource::Guess).then_some(threshold)))

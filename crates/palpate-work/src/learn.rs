@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use palpate::{Mapper, Sample, StepReport};
-use palpate_learn::torque_errors::{ErrorSum, TorqueErrors};
+use palpate_learn::torque_errors::ErrorSum;
 use serde::Serialize;
 use serde_json::json;
 
@@ -12,6 +12,7 @@ use crate::contact_counts::ContactCounts;
 use crate::error::WorkError;
 use crate::inspect::log::LogCheck;
 use crate::progress::Progress;
+use crate::scored::ErrorFigures;
 use crate::touches::{TouchEvent, Touches};
 
 /// Counts of one touch.
@@ -45,9 +46,9 @@ pub struct LearningSummary {
 pub struct ErrorsAndZero {
     /// Errors of the field.
     #[serde(flatten)]
-    pub errors: Option<TorqueErrors>,
+    pub errors: ErrorFigures,
     /// Errors of predicting zero on the same frames.
-    pub zero: Option<TorqueErrors>,
+    pub zero: ErrorFigures,
 }
 
 impl LearningSummary {
@@ -98,7 +99,8 @@ impl LearningSummary {
 
     /// Errors of predicting every frame just before it was learnt from.
     pub fn before_learning(&self) -> ErrorsAndZero {
-        ErrorsAndZero { errors: self.predicted.errors(), zero: self.predicted.zero() }
+        let [errors, zero] = [self.predicted.errors(), self.predicted.zero()];
+        ErrorsAndZero { errors: errors.into(), zero: zero.into() }
     }
 }
 

@@ -1,4 +1,4 @@
-//! Touches as events, as a whole, and in memory as a log.
+//! Three forms of touches: events of a log, whole touches, and a log in memory that is made of these.
 
 use std::iter::once;
 use std::path::PathBuf;

@@ -323,3 +323,27 @@ pub fn contacts(touches: &[TouchTorques], threshold: f64) -> Vec<ContactInterval
     }
     contacts
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::vector;
+
+    use super::*;
+
+    #[test]
+    fn a_wrench_at_a_link_is_found_from_its_torques() {
+        let robot = Robot::built_in("kinova_gen3").unwrap();
+        let poses = robot.forward(&[0.1, 0.7, -0.4, 1.1, 0.3, -0.8, 0.5]).unwrap();
+        let link = robot.link_id("EndEffector_Link").unwrap();
+        let (force, moment) = (vector![3.0, -2.0, 7.0], vector![0.3, 0.1, -0.2]);
+        // About the world's origin, as the spatial Jacobian has it.
+        let origin = poses.world_from_link[link.index()].translation.vector;
+        let about_origin = moment + origin.cross(&force);
+        let pushed = Vector6::from_iterator(force.iter().chain(&about_origin).copied());
+        let torque = robot.spatial_jacobian(&poses, link).transpose() * pushed;
+        let std = DVector::from_fn(torque.len(), |j, _| 0.1 + 0.05 * j as f64);
+        let found = wrench(&robot, &poses, link, &ExternalTorque { torque, std });
+        let wanted = Vector6::from_iterator(force.iter().chain(&moment).copied());
+        assert!((found - wanted).amax() < 1e-9, "{found}");
+    }
+}

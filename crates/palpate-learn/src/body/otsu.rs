@@ -15,12 +15,13 @@ pub(super) fn otsu(values: &[f64]) -> f64 {
     }
     let middle = |bin: usize| low + (bin as f64 + 0.5) * width;
     let total = values.len() as f64;
-    let mean = counts.iter().enumerate().map(|(bin, n)| n * middle(bin)).sum::<f64>();
+    let total_sum = counts.iter().enumerate().map(|(bin, n)| n * middle(bin)).sum::<f64>();
     let (mut below, mut sum, mut best) = (0.0, 0.0, (f64::NEG_INFINITY, low));
     for (bin, count) in counts.iter().enumerate() {
         below += count;
         sum += count * middle(bin);
-        let between = (mean * below / total - sum).powi(2) / (below * (total - below)).max(1.0);
+        let between =
+            (total_sum * below / total - sum).powi(2) / (below * (total - below)).max(1.0);
         if between > best.0 {
             best = (between, middle(bin));
         }

@@ -8,10 +8,10 @@ use super::skeleton::direction;
 
 /// Largest gap between points of one piece, m.
 const JOINED_M: f64 = 0.006;
-/// A piece is wood, whatever its colour, if its standard deviation along it is larger than this, m
-/// (a rod of 17 cm),
+/// A piece is wood, whatever its colour, if it is long and thin. It is long if the standard deviation of its points along
+/// it is larger than this, m: a rod of 17 cm.
 const LONG_M: f64 = 0.05;
-/// and its standard deviation in every direction across is less than this share of it.
+/// A piece is thin if their standard deviation in every direction across is less than this share of that along it.
 const THIN: f64 = 0.12;
 
 /// Whether each point is wood.

@@ -101,7 +101,7 @@ class Coverage(TypedDict):
     constant_half_width_n_m: float
     """Half-width of a band of constant width with the same share inside, N·m."""
     classes: list[list[float] | None]
-    """Share inside and mean half-width, N·m: no contact, mostly known cells, mostly unseen cells."""
+    """Share inside and mean half-width, N·m: no contact, mostly known cells, mostly untouched cells."""
 
 
 class Score(TypedDict):

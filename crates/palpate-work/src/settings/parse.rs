@@ -1,4 +1,4 @@
-//! Parsers of flag values that are not a single number.
+//! Values of settings that are not a single number, with their parsers.
 
 use std::str::FromStr;
 

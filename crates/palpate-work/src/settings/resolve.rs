@@ -230,6 +230,14 @@ impl TouchSettings {
         self.gravity.and_then(OrAuto::given)
     }
 
+    /// The given number of frames at the start of each touch that give the tare; 0 if it is not given.
+    pub fn first_frames(&self) -> usize {
+        match self.tare_frames {
+            Some(TareFrames::First(frames)) => frames as usize,
+            _ => 0,
+        }
+    }
+
     /// Another configuration with the given values.
     pub fn over_config(&self, base: &ExternalTorqueConfig) -> ExternalTorqueConfig {
         let mut config = base.clone();

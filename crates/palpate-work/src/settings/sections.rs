@@ -279,13 +279,13 @@ section! {
         /// Farthest that a point slips in one iteration, m [default: 0.006]
         #[arg(long, value_name = "M")]
         pub slip_step_m: f64 => slip_step_m,
-        /// Slip iterations of one motion; 0 makes all points stick [default: 10]
+        /// Slip iterations of one sub-step; 0 makes all points stick [default: 10]
         #[arg(long, value_name = "N")]
         pub slip_iterations: u32 => slip_iterations,
         /// Farthest that a link moves in one sub-step, in cells [default: 0.5]
         #[arg(long, value_name = "CELLS")]
         pub substep_cells: f64 => substep_cells,
-        /// Whether points inside the arm at the start of a touch are empty space [default: true]
+        /// Whether points nearer to the arm than the contact distance at the start of a touch are empty space [default: true]
         #[arg(long, value_name = "BOOL")]
         pub known_empty: bool => known_empty,
     }

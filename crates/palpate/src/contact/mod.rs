@@ -9,6 +9,9 @@
 //! |       | [`ContactConfig::coulomb_friction`]   | friction force over normal force | –    |
 //! | λ     | [`ContactConfig::slip_step_m`]        | longest slip of one iteration    | m    |
 //!
+//! With Coulomb friction, uᵢ is the displacement whose spring exerts the force of contact and friction: only its part along
+//! the normal is anchor − rest point.
+//!
 //! Contacts depend on the arm's motion alone, neither on torque nor on stiffness, so a motion has the same contacts in
 //! learning and in prediction. Every link is represented by its signed distance φ, inflated by δ.
 //!

@@ -23,7 +23,7 @@ pub(crate) struct Displaced {
     pub(crate) index: usize,
     /// The link that holds it.
     pub(crate) link: LinkId,
-    /// u: anchor − rest point, world frame, m.
+    /// u, world frame, m: see [`crate::contact`].
     pub(crate) displacement_m: Vector3<f64>,
 }
 

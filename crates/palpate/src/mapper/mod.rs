@@ -104,7 +104,7 @@ pub enum MapperError {
     /// Learnt touches whose samples are no longer in memory.
     #[error(
         "the samples of {touches} touches that the field has learnt from are no longer in its memory, so these touches \
-         would be forgotten as well; map again only the logs to keep, or map all logs with more memory (--memory-mib)"
+         would be forgotten as well; map again only the logs to keep, or map all logs with more memory (`memory_mib`)"
     )]
     Gone { touches: u32 },
     /// A snapshot that contradicts itself.

@@ -167,7 +167,7 @@ impl PathPredictor {
     /// Adds an elastic body, bent as at the present position of the arm.
     #[must_use]
     pub fn with_body(mut self, model: &ElasticModel, body: ElasticTorque) -> Self {
-        Arc::make_mut(&mut self.springs).add_residual(model);
+        Arc::make_mut(&mut self.springs).set_beside_body(model);
         self.body = Some(body);
         // Bands were calibrated without it.
         self.calibration = None;

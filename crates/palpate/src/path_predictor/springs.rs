@@ -98,7 +98,7 @@ impl Springs {
 
     /// Sets the stiffness of every spring to that beside an elastic body. Cells that were touched only in the
     /// downsampled touches from which the body was learnt have no row here, and stay untouched cells.
-    pub(super) fn add_residual(&mut self, model: &ElasticModel) {
+    pub(super) fn set_beside_body(&mut self, model: &ElasticModel) {
         let of_untouched = model.untouched_residual_n_per_m;
         let mut residual = vec![of_untouched; self.known.len()];
         for (cell, k) in model.residual() {

@@ -5,9 +5,9 @@
 //! −K p × u, since u × u = 0. The sum over the contacts of a link is one wrench, which the link's spatial Jacobian J
 //! converts to joint torques. Conversely, a vector d over the joints, taken as joint speeds, moves the link's points
 //! with v(p) = (J d)₁ + (J d)₂ × p, and `w·d = −u·v(p)`. So a frame stores only u, the cell and the link of every
-//! contact: 16 bytes per contact, in one stream, instead of a column of H. This is possible because the force is
-//! parallel to u: a contact law with other forces needs p + u as well. The rest points are stored once per cell, by the
-//! caller.
+//! contact: 16 bytes per contact, in one stream, instead of a column of H. The rest points are stored once per cell, by
+//! the caller. This is exact because the force is parallel to u. With Coulomb friction it is an
+//! approximation: u is then −force/K, and the force is taken to act at the rest point in place of the anchor.
 //!
 //! | paper | here                             | value                      | shape    | unit   |
 //! |-------|----------------------------------|----------------------------|----------|--------|
@@ -453,7 +453,7 @@ impl Observation {
     ) {
         let level = SimdLevel::best();
         for run in self.runs() {
-            // S M Sᵀ, as a sum over joints.
+            // J M Jᵀ, as a sum over joints.
             let mut on_wrenches = Matrix6::zeros();
             for (j, column) in run.spatial.iter().enumerate() {
                 let row = m.column(j);

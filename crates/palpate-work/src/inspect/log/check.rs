@@ -106,7 +106,8 @@ impl LogCheck {
     ) -> Result<(), WorkError> {
         if self.touches.len() == self.next {
             self.next *= 4;
-            self.check(progress)?;
+            let read = counted(self.touches.len(), "touch");
+            self.warn(&format!("{}, of which {read} were read so far,", self.log()), progress)?;
         }
         self.begin_touch(touches.begun(name));
         Ok(())
@@ -156,9 +157,14 @@ impl LogCheck {
     ///
     /// If something looks wrong and the check is `strict`, or the progress stops it.
     pub fn check(&mut self, progress: &dyn Progress) -> Result<(), WorkError> {
+        self.warn(&self.log(), progress)
+    }
+
+    /// As [`Self::check`], with the name of the log in messages.
+    fn warn(&mut self, log: &str, progress: &dyn Progress) -> Result<(), WorkError> {
         let found = self.findings(progress)?;
         self.reported.extend(found.iter().map(|finding| finding.code));
-        warn_of(&found, &self.log(), self.strict, progress)
+        warn_of(&found, log, self.strict, progress)
     }
 
     /// Warns of what may be the reason for an error.
