@@ -12,7 +12,7 @@ use crate::file_paths::{self, FilePaths};
 use crate::interrupt;
 use crate::output::{Output, figure, table};
 use crate::predict::open_beside;
-use crate::settings::RobotAndLogSettings;
+use crate::settings::RobotLogAndTouchSettings;
 
 const NOTES: &str = "Examples:
   palpate compare field.npz recordings/today
@@ -49,7 +49,7 @@ pub(crate) struct Args {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    settings: RobotAndLogSettings,
+    settings: RobotLogAndTouchSettings,
 }
 
 /// Compares touches of logs with a field.

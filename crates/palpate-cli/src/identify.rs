@@ -12,7 +12,7 @@ use serde_json::json;
 use crate::error::CliError;
 use crate::file_paths::FilePaths;
 use crate::output::{Output, table};
-use crate::settings::RobotAndLogSettings;
+use crate::settings::RobotLogAndTouchSettings;
 use crate::{file_paths, interrupt, logs};
 
 const NOTES: &str = "Examples:
@@ -53,7 +53,7 @@ pub(crate) struct Args {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    settings: RobotAndLogSettings,
+    settings: RobotLogAndTouchSettings,
 }
 
 /// Identifies the arm and prints the result.
@@ -78,7 +78,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if args.currents {
         touches.treat_as_currents();
     }
-    touches.measured(&arm, None, &mut settings, output)?;
+    touches.decide_convention(&arm, None, &mut settings, output)?;
     let currents = touches.are_currents();
     let recorded = touches.read_for(&arm, &settings, output)?;
     let strict = settings.log.strict.unwrap_or_default();

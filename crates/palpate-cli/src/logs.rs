@@ -21,7 +21,7 @@ pub(crate) fn open(
     output: &Output,
 ) -> Result<(Touches, Arc<Arm>), CliError> {
     let (mut touches, arm) = open_undecided(logs, settings, output)?;
-    touches.external(&arm, settings, if_undecided, output)?;
+    touches.prepare_torques(&arm, settings, if_undecided, output)?;
     Ok((touches, arm))
 }
 
@@ -50,7 +50,7 @@ pub(crate) fn open_more(
     let mut touches = Touches::open(logs, &settings.log.options())?;
     match arm_file::of(&settings.robot, &arm.robot)? {
         Some(model) => {
-            touches.identified(arm, model, Differentiation::Centred, &settings.touch)?;
+            touches.use_arm_model(arm, model, Differentiation::Centred, &settings.touch)?;
         }
         None => touches.refuse_currents()?,
     }

@@ -16,7 +16,7 @@ use crate::args::{corners, number_in};
 use crate::error::CliError;
 use crate::file_paths::{self, FilePaths};
 use crate::output::{Output, table};
-use crate::settings::ReadSettings;
+use crate::settings::RobotAndLogSettings;
 use crate::{csv, interrupt};
 
 const NOTES: &str = "Examples:
@@ -74,7 +74,7 @@ pub(crate) struct Args {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    settings: ReadSettings,
+    settings: RobotAndLogSettings,
 }
 
 /// Criterion by which motions are ranked.

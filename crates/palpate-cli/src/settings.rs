@@ -66,7 +66,7 @@ pub(crate) struct RobotAndLog {
 }
 
 /// The settings of a command that only reads logs.
-pub(crate) type ReadSettings = SettingsArgs<RobotAndLog>;
+pub(crate) type RobotAndLogSettings = SettingsArgs<RobotAndLog>;
 
 impl From<RobotAndLog> for Settings {
     fn from(RobotAndLog { robot, log }: RobotAndLog) -> Self {
@@ -84,7 +84,7 @@ pub(crate) struct RobotLogAndTouch {
 }
 
 /// The settings of a command with the flags [`RobotLogAndTouch`].
-pub(crate) type RobotAndLogSettings = SettingsArgs<RobotLogAndTouch>;
+pub(crate) type RobotLogAndTouchSettings = SettingsArgs<RobotLogAndTouch>;
 
 impl From<RobotLogAndTouch> for Settings {
     fn from(RobotLogAndTouch { read, touch }: RobotLogAndTouch) -> Self {

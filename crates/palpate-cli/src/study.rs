@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use palpate::MapperConfig;
 use palpate_learn::study::{ObjectScores, TouchScore, chosen_on_others, mean};
-use palpate_work::evaluate::{as_touches, make_unique};
+use palpate_work::evaluate::{make_unique, touch_samples};
 use palpate_work::study::{StudiedObject, at_least_two};
 use serde_json::json;
 
@@ -97,7 +97,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             output,
         )?;
         let recorded = touches.read_to_learn(&arm, &settings, None, output)?;
-        let touches = as_touches(&recorded, args.truth)?;
+        let touches = touch_samples(&recorded, args.truth)?;
         at_least_two(&name, &touches)?;
         read.push((name, arm, recorded, touches, args.grid(&settings.config()?)?));
     }

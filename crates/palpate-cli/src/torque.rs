@@ -19,7 +19,7 @@ use crate::args::number_in;
 use crate::error::CliError;
 use crate::file_paths::{self, FilePaths};
 use crate::output::{Output, table};
-use crate::settings::{RobotAndLogSettings, Settings};
+use crate::settings::{RobotLogAndTouchSettings, Settings};
 use crate::{interrupt, logs};
 
 const NOTES: &str = "Examples:
@@ -66,7 +66,7 @@ pub(crate) struct Args {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    settings: RobotAndLogSettings,
+    settings: RobotLogAndTouchSettings,
 }
 
 /// Computes the external torques and prints what was found.
@@ -155,7 +155,7 @@ fn open(
 ) -> Result<(Touches, Arc<Arm>, TorqueModel), CliError> {
     let (mut touches, arm) = logs::open_undecided(paths, settings, output)?;
     let model = arm_file::or_urdf(&settings.robot, &arm.robot, output)?;
-    touches.measured(&arm, Some((model.clone(), differentiation)), settings, output)?;
+    touches.decide_convention(&arm, Some((model.clone(), differentiation)), settings, output)?;
     Ok((touches, arm, model.for_differentiation(differentiation)))
 }
 

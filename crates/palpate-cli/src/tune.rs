@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use palpate::MapperConfig;
 use palpate_learn::tune::Tuned;
-use palpate_work::evaluate::as_touches;
+use palpate_work::evaluate::touch_samples;
 use palpate_work::tune::{Tuning, given, trials, tuned_settings};
 use serde_json::json;
 
@@ -61,7 +61,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let (touches, arm) = logs::open(&args.logs, &mut settings, logs::IfUndecided::Refuse, output)?;
     let config = settings.config()?;
     let recorded = touches.read_to_learn(&arm, &settings, None, output)?;
-    let touches = as_touches(&recorded, false)?;
+    let touches = touch_samples(&recorded, false)?;
     let tuned = Tuning { arm: &arm, recorded: &recorded, touches: &touches, config: &config };
     let tuned = if args.quick {
         tuned.quick(given(&settings), output)?

@@ -1,7 +1,7 @@
 //! The methods that are compared: the estimators, the paper's baselines, and the trivial `uniform` and `zero`.
 
 use nalgebra::DVector;
-use palpate::unstable::{CellState, Estimator, FrameId, Stiffness};
+use palpate::unstable::{CellState, Estimator, FrameId, StiffnessRule};
 use palpate::{EstimatorKind, Field, MapperConfig};
 use serde::{Deserialize, Serialize};
 
@@ -203,7 +203,7 @@ fn uniform(tracked: &TrackedTouches, touches: &[usize]) -> Vec<CellState> {
     let unit = tracked.with_stiffness(|_| 1.0);
     let (mut explained, mut power) = (0.0, 0.0);
     for frame in touches.iter().flat_map(|&touch| &tracked.touches[touch].frames) {
-        let h: DVector<f64> = frame.observation.predict(&unit, Stiffness::Positive);
+        let h: DVector<f64> = frame.observation.predict(&unit, StiffnessRule::Positive);
         explained += h.dot(&frame.observation.tau());
         power += h.norm_squared();
     }

@@ -6,7 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Frames with less torque than this have no relative error, N·m.
-pub const RELATIVE_FROM: f64 = 1.0;
+pub const RELATIVE_FROM_N_M: f64 = 1.0;
 
 /// Mean and largest error, absolute and relative.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -37,7 +37,7 @@ pub struct ErrorSum {
     error: Running,
     /// ‖τ‖₂, which is the error of predicting zero.
     size: Running,
-    /// `error / size` of the frames with a size of at least [`RELATIVE_FROM`].
+    /// `error / size` of the frames with a size of at least [`RELATIVE_FROM_N_M`].
     relative: Running,
 }
 
@@ -86,7 +86,7 @@ impl ErrorSum {
         let size = target.iter().map(|t| t * t).sum::<f64>().sqrt();
         self.error.add(error);
         self.size.add(size);
-        if size >= RELATIVE_FROM {
+        if size >= RELATIVE_FROM_N_M {
             self.relative.add(error / size);
         }
     }
@@ -103,7 +103,7 @@ impl ErrorSum {
         self.error.count
     }
 
-    /// Number of frames that have a relative error ([`RELATIVE_FROM`]).
+    /// Number of frames that have a relative error ([`RELATIVE_FROM_N_M`]).
     pub fn relative_frames(&self) -> u64 {
         self.relative.count
     }

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::{
-    CellRows, CellState, Downsampling, ElasticBody, Observation, ObservationBuilder, Stiffness,
+    CellRows, CellState, Downsampling, ElasticBody, Observation, ObservationBuilder, StiffnessRule,
     TrackedSample, Tracker, torque_weights,
 };
 use palpate::{Arm, CellId, ContactConfig, EstimatorConfig, Lattice, MapperConfig, Sample, Tare};
@@ -285,7 +285,7 @@ impl TrackedFrame {
 
     /// Predicted torque `τ̂ = Σ wᵢ Kᵢ` (Eq. 5), n_joints, N·m. Cells are by row; their stiffness counts as at least 0.
     pub(crate) fn predict(&self, cells: &[CellState]) -> Vec<f64> {
-        self.observation.predict(cells, Stiffness::Positive).as_slice().to_vec()
+        self.observation.predict(cells, StiffnessRule::Positive).as_slice().to_vec()
     }
 }
 

@@ -3,7 +3,7 @@
 
 mod common;
 
-use palpate::unstable::{CellState, Stiffness};
+use palpate::unstable::{CellState, StiffnessRule};
 use palpate::{BandQuantiles, Calibration, EstimatorKind, Field, MapperConfig};
 use palpate_learn::LearnError;
 use palpate_learn::change::moved::{ObjectMotion, moved};
@@ -69,7 +69,7 @@ fn with_torques_of(mut tracked: TrackedTouches, field: &Field, factor: f64) -> T
         .map(|(cell, point)| CellState::new(*point, **known.get(cell).unwrap_or(&&0.0)))
         .collect();
     for frame in tracked.touches.iter_mut().flat_map(|touch| &mut touch.frames) {
-        let tau = factor * frame.observation.predict(&cells, Stiffness::Positive);
+        let tau = factor * frame.observation.predict(&cells, StiffnessRule::Positive);
         frame.observation = frame.observation.clone().with_tau(&tau);
     }
     tracked

@@ -40,11 +40,11 @@ fn field(tracked: &TrackedTouches, k: impl Fn(usize) -> f64) -> Field {
 
 /// Gives every frame the torque of a stiffness by row.
 fn with_torques_of(mut tracked: TrackedTouches, k: &dyn Fn(usize) -> f64) -> TrackedTouches {
-    use palpate::unstable::{CellState, Stiffness};
+    use palpate::unstable::{CellState, StiffnessRule};
     let cell = |(row, &point): (usize, &[f64; 3])| CellState::new(point, k(row));
     let cells: Vec<CellState> = tracked.points_m.iter().enumerate().map(cell).collect();
     for frame in tracked.touches.iter_mut().flat_map(|touch| &mut touch.frames) {
-        let tau = frame.observation.predict(&cells, Stiffness::Positive);
+        let tau = frame.observation.predict(&cells, StiffnessRule::Positive);
         frame.observation = frame.observation.clone().with_tau(&tau);
     }
     tracked

@@ -185,7 +185,7 @@ pub(crate) fn map_elastic(
         touches.angle_unit(&robot.arm, &mut settings, progress)?;
         let arm = Arc::clone(&robot.arm);
         settings.robot.arm.clone_from(&robot.settings.arm);
-        touches.external(&arm, &mut settings, IfUndecided::Refuse, progress)?;
+        touches.prepare_torques(&arm, &mut settings, IfUndecided::Refuse, progress)?;
         let config = settings.config()?;
         let mut mapper = Mapper::new(arm, config).map_err(SettingsError::value)?;
         let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());

@@ -7,7 +7,7 @@ use palpate_learn::torque_errors::TorqueErrors;
 use palpate_work::WorkError;
 use palpate_work::elastic::replace_elastic_by_map;
 use palpate_work::evaluate::{
-    self as evaluation, EvaluationJob, NoStore, configs, each_once, method_of,
+    self as evaluation, EvaluationJob, NoStore, configs, method_of, methods_to_compare,
 };
 use palpate_work::touches::IfUndecided;
 use palpate_work::tune::{Tune, Tuning, given as given_settings, trials, tuned_settings};
@@ -20,8 +20,8 @@ use crate::array::{flat, table_of};
 use crate::data::{given, of_python, python};
 use crate::elastic::{ObjectArguments, seen_object};
 use crate::error::Result;
-use crate::followed::Followed;
 use crate::log::{opened, sources};
+use crate::tracked_logs::TrackedLogs;
 use crate::watch::long;
 use crate::{robot, settings};
 
@@ -83,15 +83,15 @@ pub(crate) fn evaluate<'py>(
     let cloud = cloud.map(|cloud| seen_object(py, cloud, object));
     let cloud = cloud.transpose()?;
     replace_elastic_by_map(&mut settings, cloud.is_some()).map_err(WorkError::from)?;
-    let mut methods = each_once(&chosen, cloud.is_some())?;
+    let mut methods = methods_to_compare(&chosen, cloud.is_some())?;
     if !methods.contains(&Method::Zero) {
         methods.push(Method::Zero); // every table compares with it
     }
     let evaluated = long(py, progress, |progress| {
         let arm = &robot.arm;
         let named = (truth, reuse.as_deref());
-        let followed = Followed::of(sources, &mut settings, arm, named, progress)?;
-        let Followed { recorded, touches, .. } = &*followed;
+        let followed = TrackedLogs::of(sources, &mut settings, arm, named, progress)?;
+        let TrackedLogs { recorded, touches, .. } = &*followed;
         let folds = evaluation::folds(touches, folds, test.as_deref().unwrap_or_default())?;
         let work = EvaluationJob {
             arm,
@@ -105,7 +105,7 @@ pub(crate) fn evaluate<'py>(
             given: given_settings(&settings),
             truth,
             bodies: cloud.map(|object| object.bodies(progress)).transpose()?.unwrap_or_default(),
-            followed: Some(followed.tracked()),
+            tracked: Some(followed.tracked()),
         };
         work.evaluate(&NoStore, progress)
     })?;
@@ -241,7 +241,7 @@ pub(crate) fn tune<'py>(
         let arm = &robot.arm;
         let mut touches = opened(sources, &settings.log)?;
         touches.angle_unit(arm, &mut settings, progress)?;
-        touches.external(arm, &mut settings, IfUndecided::Refuse, progress)?;
+        touches.prepare_torques(arm, &mut settings, IfUndecided::Refuse, progress)?;
         let (recorded, touches) = evaluation::read(touches, (arm, &settings), false, progress)?;
         let config = settings.config()?;
         let tuning = Tuning { arm, recorded: &recorded, touches: &touches, config: &config };

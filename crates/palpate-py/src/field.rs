@@ -14,8 +14,8 @@ use palpate_work::forget::{TouchSelection, forget};
 use palpate_work::held_joints::of_field;
 use palpate_work::next::{RankingRequest, next};
 use palpate_work::predict::{FrameResult, ReferenceTorque, TouchResult, planned, score};
+use palpate_work::prediction_report::{PredictionReport, report_oddities};
 use palpate_work::robot::warn_of_other_robot;
-use palpate_work::scored::{PredictionReport, report_oddities};
 use palpate_work::settings::Settings;
 use palpate_work::settings::sections::RobotSettings;
 use palpate_work::touches::{IfUndecided, RecordedTouch, Touches};
@@ -431,7 +431,7 @@ fn beside(
     let mut touches = opened(sources, &settings.log)?;
     touches.angle_unit(&robot.arm, &mut settings, progress)?;
     settings.robot.arm.clone_from(&robot.settings.arm);
-    touches.external(&robot.arm, &mut settings, IfUndecided::LeaveOpen, progress)?;
+    touches.prepare_torques(&robot.arm, &mut settings, IfUndecided::LeaveOpen, progress)?;
     let touch = settings.torque_convention_for_field(&field.touch)?;
     let place = (field.lattice.clone(), field.contact.clone());
     Ok((touches.for_arm(&robot.arm, &settings.log, place)?, touch))

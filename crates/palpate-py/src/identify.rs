@@ -135,6 +135,6 @@ fn read(
     progress: &dyn Progress,
 ) -> Result<Vec<RecordedTouch>, WorkError> {
     touches.angle_unit(&robot.arm, settings, progress)?;
-    touches.measured(&robot.arm, model, settings, progress)?;
+    touches.decide_convention(&robot.arm, model, settings, progress)?;
     touches.read_for(&robot.arm, settings, progress)
 }

@@ -23,7 +23,6 @@ mod error;
 mod evaluate;
 mod extrapolate;
 mod field;
-mod followed;
 mod identify;
 mod inspect;
 mod lattice;
@@ -33,6 +32,7 @@ mod path_predictor;
 mod robot;
 mod settings;
 mod shared;
+mod tracked_logs;
 mod watch;
 
 use pyo3::prelude::*;

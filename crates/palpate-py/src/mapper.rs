@@ -271,7 +271,7 @@ impl Mapper {
             }
             let arm = mapper.arm().clone();
             touches.angle_unit(&arm, &mut given, progress)?;
-            touches.external(&arm, &mut given, IfUndecided::LeaveOpen, progress)?;
+            touches.prepare_torques(&arm, &mut given, IfUndecided::LeaveOpen, progress)?;
             let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
             let mut touches = touches.for_arm(&mapper.arm().clone(), settings, place)?;
             let tally = learn::learn(mapper, &mut touches, &mut |_, _, _| (), None, progress)?;

@@ -12,7 +12,7 @@ use palpate_learn::tracked::{TouchSamples, TrackedTouches};
 use serde::Serialize;
 
 use crate::error::WorkError;
-use crate::evaluate::{as_touches, fault};
+use crate::evaluate::{fault, touch_samples};
 use crate::forget;
 use crate::progress::Progress;
 use crate::touches::Touches;
@@ -79,7 +79,7 @@ pub fn compare(
     let recorded = touches.read(None)?;
     touches.report_warnings(progress);
     touches.check(arm, place, &config.touch).of(&recorded).check(progress)?;
-    let named = as_touches(&recorded, false)?;
+    let named = touch_samples(&recorded, false)?;
     let stop = || progress.stopped();
     let _bar = progress.begin(None, "touches", "comparing");
     let learnt = snapshot.as_ref().map(|snapshot| learnt(arm, &config, snapshot, &stop));

@@ -8,7 +8,7 @@ use palpate_io::log::{reorder, unmatched};
 
 use crate::error::WorkError;
 use crate::progress::Progress;
-use crate::settings::Held;
+use crate::settings::HeldJoint;
 
 /// Whether a joint has the name of a gripper's joint.
 fn has_finger_name(joint: &Joint) -> bool {
@@ -39,7 +39,7 @@ pub(crate) fn other_name(robot: &Robot, log: &[String]) -> Option<(String, Strin
 /// A missing joint can stand still if it carries no link of a joint in the log and is a finger. It need not be a finger
 /// if the robot knows all names of the log. A log without names is assumed to begin with the joints of the arm, and may
 /// lack fingers.
-pub(crate) fn not_in_log(robot: &Robot, names: Option<&[String]>, count: usize) -> Vec<Held> {
+pub(crate) fn not_in_log(robot: &Robot, names: Option<&[String]>, count: usize) -> Vec<HeldJoint> {
     let joints = robot.joints();
     let own: Vec<String> = robot.joint_names().map(str::to_owned).collect();
     let (missing, unknown) = match names {
@@ -52,7 +52,7 @@ pub(crate) fn not_in_log(robot: &Robot, names: Option<&[String]>, count: usize) 
 
 /// These joints, standing still in the middle of their ranges; empty if one of them carries a link of another joint or
 /// must not stand still.
-fn standing(robot: &Robot, still: &[usize], may_stand: impl Fn(&Joint) -> bool) -> Vec<Held> {
+fn standing(robot: &Robot, still: &[usize], may_stand: impl Fn(&Joint) -> bool) -> Vec<HeldJoint> {
     let joints = robot.joints();
     let moving = (0..joints.len()).filter(|joint| !still.contains(joint));
     let links: Vec<LinkId> = moving.map(|joint| joints[joint].child).collect();
@@ -64,7 +64,7 @@ fn standing(robot: &Robot, still: &[usize], may_stand: impl Fn(&Joint) -> bool) 
     if links.is_empty() || !still.iter().all(can_stand) {
         return Vec::new();
     }
-    let held = |&joint: &usize| Held {
+    let held = |&joint: &usize| HeldJoint {
         joint: joints[joint].name.clone(),
         position: joints[joint].middle(),
     };
@@ -104,16 +104,16 @@ pub fn of_field(arm: Arc<Arm>, snapshot: Option<&Snapshot>, progress: &dyn Progr
 }
 
 /// The arm with some joints standing still.
-pub(crate) fn holding(arm: &Arm, held: &[Held]) -> Result<Arm, WorkError> {
+pub(crate) fn holding(arm: &Arm, held: &[HeldJoint]) -> Result<Arm, WorkError> {
     let mut arm = arm.clone();
-    for Held { joint, position } in held {
+    for HeldJoint { joint, position } in held {
         arm.robot = arm.robot.with_fixed_joint(joint, *position).map_err(WorkError::file)?;
     }
     Ok(arm)
 }
 
 /// Notes which joints are assumed to stand still, and at which positions.
-pub(crate) fn note_held(arm: &Arm, held: &[Held], of: &str, progress: &dyn Progress) {
+pub(crate) fn note_held(arm: &Arm, held: &[HeldJoint], of: &str, progress: &dyn Progress) {
     let flags: Vec<String> = held.iter().cloned().map(String::from).collect();
     progress.note(&format!(
         "{of} has no joint {}: assumed to stand still in the middle of its range (as with --hold {}, which can also \

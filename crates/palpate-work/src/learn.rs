@@ -11,8 +11,8 @@ use serde_json::json;
 use crate::contact_counts::ContactCounts;
 use crate::error::WorkError;
 use crate::inspect::log::LogCheck;
+use crate::prediction_report::ErrorFigures;
 use crate::progress::Progress;
-use crate::scored::ErrorFigures;
 use crate::touches::{TouchEvent, Touches};
 
 /// Counts of one touch.

@@ -11,10 +11,10 @@ use serde::Serialize;
 
 use crate::contact_counts::low_and_high;
 use crate::error::WorkError;
-use crate::evaluate::{as_touches, fault};
+use crate::evaluate::{fault, touch_samples};
 use crate::inspect::log::LIMIT_MARGIN;
 use crate::progress::Progress;
-use crate::recorded::RecordedTouch;
+use crate::touches::RecordedTouch;
 
 /// How motions are to be ranked.
 #[derive(Debug, Clone, Default)]
@@ -143,7 +143,7 @@ pub fn next(
     config.touch.tare = Tare::None;
     let recorded = [candidates, task].concat();
     let motions: Vec<TouchSamples> =
-        as_touches(&recorded, false)?.into_iter().map(planned).collect();
+        touch_samples(&recorded, false)?.into_iter().map(planned).collect();
     let stop = || progress.stopped();
     let _bar = progress.begin(None, "motions", "judging");
     let fault = |error| fault(&recorded, error, String::new());

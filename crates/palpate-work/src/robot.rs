@@ -9,7 +9,7 @@ use palpate_io::robot_files::{ArmOptions, CachePlace, LoadedArm, load_arm};
 use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::sections::{RobotSettings, Section};
-use crate::settings::{Held, Renamed, SettingsError};
+use crate::settings::{HeldJoint, RenamedJoint, SettingsError};
 
 /// As [`load_with_report`], and warns of what looked odd in the robot's files.
 pub fn load(settings: &RobotSettings, progress: &dyn Progress) -> Result<Arc<Arm>, WorkError> {
@@ -28,10 +28,10 @@ pub fn load_with_report(settings: &RobotSettings) -> Result<LoadedArm, WorkError
     }
     let renamed = settings.rename.iter().flatten();
     let renamed: Vec<(&str, &str)> =
-        renamed.map(|Renamed { in_log, in_urdf }| (&**in_urdf, &**in_log)).collect();
+        renamed.map(|RenamedJoint { in_log, in_urdf }| (&**in_urdf, &**in_log)).collect();
     loaded.arm.robot = (loaded.arm.robot.with_renamed_joints(&renamed))
         .map_err(|error| WorkError::Usage(format!("--rename: {error}")))?;
-    for Held { joint, position } in settings.hold.iter().flatten() {
+    for HeldJoint { joint, position } in settings.hold.iter().flatten() {
         let held = loaded.arm.robot.with_fixed_joint(joint, *position);
         loaded.arm.robot =
             held.map_err(|error| WorkError::Usage(format!("--hold {joint}: {error}")))?;

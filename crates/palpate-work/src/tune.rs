@@ -10,7 +10,7 @@ use palpate_learn::tune::{FixedSettings, Search, SearchBudget, Trial, Tuned, Tun
 use serde_json::json;
 
 use crate::error::WorkError;
-use crate::evaluate::{as_touches, fault};
+use crate::evaluate::{fault, touch_samples};
 use crate::progress::Progress;
 use crate::settings::{Settings, SettingsError};
 use crate::touches::{RecordedTouch, TouchEvent, Touches};
@@ -229,7 +229,7 @@ pub fn quickly_tuned(
         if recorded.len() < MIN_TUNING_TOUCHES {
             return Ok(None);
         }
-        let touches = as_touches(&recorded, false)?;
+        let touches = touch_samples(&recorded, false)?;
         let tuning = Tuning { arm, recorded: &recorded, touches: &touches, config };
         let (tracked, tuned) = tuning.quickly(given(settings), progress)?;
         let calibration = tuning.calibrated(&tracked, &tuned.config, progress)?;

@@ -24,7 +24,7 @@ use crate::estimator::{
     Replayed, padded,
 };
 use crate::replay::ReplayMemory;
-use crate::torque::{Observation, Stiffness};
+use crate::torque::{Observation, StiffnessRule};
 
 /// The paper's estimator, `ekf`.
 ///
@@ -69,7 +69,7 @@ impl Filter {
     /// Nothing changes unless the innovation covariance can be inverted.
     fn update(&mut self, observation: &Observation) -> Result<DVector<f64>, EstimatorError> {
         let inverse = self.belief.innovation_inverse(observation, |row| self.variance_now(row))?;
-        let predicted = observation.predict(&self.belief.cells, Stiffness::Magnitude);
+        let predicted = observation.predict(&self.belief.cells, StiffnessRule::Magnitude);
         let d = &inverse * (observation.tau() - &predicted);
         if d.iter().any(|x| !x.is_finite()) {
             return Err(EstimatorError::Degenerate);
@@ -139,7 +139,7 @@ impl Estimator for EkfEstimator {
 
     fn predict(&mut self, points_m: &[[f64; 3]], observation: &Observation) -> DVector<f64> {
         self.filter.grow(points_m);
-        observation.predict(&self.filter.belief.cells, Stiffness::Magnitude)
+        observation.predict(&self.filter.belief.cells, StiffnessRule::Magnitude)
     }
 
     fn correct(
@@ -199,7 +199,7 @@ impl Estimator for EkfEstimator {
         let cells = &self.filter.belief.cells;
         let error = |frame: &Observation| {
             let tau = frame.tau().into_owned();
-            [&tau - frame.predict(cells, Stiffness::Magnitude), tau]
+            [&tau - frame.predict(cells, StiffnessRule::Magnitude), tau]
         };
         self.memory.some(most).map(|(id, frame)| (id, error(frame))).collect()
     }

@@ -18,7 +18,7 @@ use crate::lattice::{CellId, CellRows, Lattice};
 use crate::robot::{Poses, Robot};
 use crate::setting::SettingError;
 use crate::tare::Tare;
-use crate::torque::{CellState, Observation, ObservationBuilder, Stiffness};
+use crate::torque::{CellState, Observation, ObservationBuilder, StiffnessRule};
 use crate::tracker::{Sample, Tracker, TrackerError};
 
 /// The stiffness of all cells that were touched or have their own prior mean, by row.
@@ -190,7 +190,7 @@ impl FieldSprings {
 
     /// τ̂ of an observation from [`Self::build`], n_joints, N·m.
     fn predict(&self, observation: &Observation) -> DVector<f64> {
-        observation.predict(&self.cells, Stiffness::Positive)
+        observation.predict(&self.cells, StiffnessRule::Positive)
     }
 
     /// s of [`Calibration::half_width`], n_joints, N·m, if the field is calibrated.

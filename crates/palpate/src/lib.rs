@@ -103,7 +103,7 @@ pub use field::{Field, Prediction, Predictor};
 pub use lattice::{CellId, Lattice, LatticeError};
 pub use mapper::{Mapper, MapperConfig, MapperError, Snapshot, StepReport};
 pub use path_predictor::{
-    CLUSTER_WEIGHT, MAX_BODY_MOTIONS, MAX_MOTIONS, MAX_POINTS, PathConfig, PathError, PathPoint,
+    CLUSTER_WEIGHT, MAX_BODY_STOPS, MAX_POINTS, MAX_STOPS, PathConfig, PathError, PathPoint,
     PathPrediction, PathPredictor,
 };
 pub use replay::{MemoryLimits, ReplayPolicy};
@@ -145,7 +145,7 @@ pub mod unstable {
         signed_distance,
     };
     pub use crate::tare::is_contact_free;
-    pub use crate::torque::{CellState, Observation, ObservationBuilder, Stiffness, lever};
+    pub use crate::torque::{CellState, Observation, ObservationBuilder, StiffnessRule, lever};
     pub use crate::torque_model::{
         FrictionState, JointMotion, LocalPolynomial, ModelResidual, NoiseFactors, PolynomialFit,
         RIPPLE_COEFFICIENTS, TouchMotion, Window, model_residuals, with_read_times,

@@ -40,7 +40,7 @@ use crate::estimator::{
     Replayed,
 };
 use crate::replay::ReplayMemory;
-use crate::torque::{Observation, Prefetch, Stiffness};
+use crate::torque::{Observation, Prefetch, StiffnessRule};
 
 /// Number of random frames of which the one with the largest NIS is visited.
 const TRIES: u32 = 8;
@@ -139,12 +139,12 @@ impl MapEstimator {
 
 /// `H K` of a frame.
 fn predict(belief: &Belief, observation: &Observation) -> DVector<f64> {
-    observation.predict(&belief.cells, Stiffness::Positive)
+    observation.predict(&belief.cells, StiffnessRule::Positive)
 }
 
 /// `τ − H K − R α` of a remembered frame.
 fn residual(belief: &Belief, frame: &Observation, prefetch: &mut Prefetch<'_>) -> DVector<f64> {
-    let mut residual = frame.predict_prefetching(prefetch, &belief.cells, Stiffness::Positive);
+    let mut residual = frame.predict_prefetching(prefetch, &belief.cells, StiffnessRule::Positive);
     let tau = frame.tau();
     let known = tau.iter().zip(alpha(frame)).zip(&belief.torque_variance);
     for (r, ((tau, alpha), variance)) in residual.iter_mut().zip(known) {

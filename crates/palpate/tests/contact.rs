@@ -7,7 +7,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use nalgebra::DVector;
-use palpate::unstable::{CellRows, ContactSimulator, LinkId, Observation, Stiffness, Tracker};
+use palpate::unstable::{CellRows, ContactSimulator, LinkId, Observation, StiffnessRule, Tracker};
 use palpate::{
     Arm, BakeConfig, CellId, ContactConfig, Contacts, ExternalTorqueConfig, Lattice, Robot, Sample,
     Tare, TrackerError,
@@ -201,7 +201,7 @@ fn a_cylinder_swept_through_an_elastic_bed_meets_the_force_of_the_integral() {
     let frame = Observation::new(&arm.robot, &poses, &contacts, &mut rows, &DVector::zeros(3));
     let k_volume = 1e6; // N/m per m³
     let cell = k_volume * spacing.powi(3);
-    let force = frame.predict(&cells_with(&rows, |_| cell), Stiffness::Positive);
+    let force = frame.predict(&cells_with(&rows, |_| cell), StiffnessRule::Positive);
 
     let length = 25.0 * spacing;
     let expected = -k_volume * length * (radius + delta) * travel * travel;

@@ -5,7 +5,7 @@ mod scene;
 
 use nalgebra::{DMatrix, DVector, Point3, Vector3};
 use palpate::Contacts;
-use palpate::unstable::{CellRows, Observation, Stiffness, lever};
+use palpate::unstable::{CellRows, Observation, StiffnessRule, lever};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use scene::{cells_with, centimetre_lattice, contacts, crooked_arm, random_frame, uniform};
@@ -42,7 +42,7 @@ fn folded_products_are_those_of_the_lever_matrix() {
     let n = frame.n_contacts();
     let by_contact = DVector::from_iterator(n, frame.rows().map(k));
 
-    let predicted = frame.predict(&cells, Stiffness::Positive);
+    let predicted = frame.predict(&cells, StiffnessRule::Positive);
     assert!((predicted - &h * &by_contact).amax() < 1e-12);
     let gram = &h * DMatrix::from_diagonal(&by_contact) * h.transpose();
     assert!((frame.weighted_gram(&cells, k) - gram).amax() < 1e-12);
@@ -74,12 +74,12 @@ fn stiffness_is_the_positive_part_or_the_magnitude_of_the_unknown() {
     let frame = random_frame(&mut rng, &robot, &mut rows, &[30.0; 40], 0.1);
     let unknown = |row: usize| if row.is_multiple_of(3) { -20.0 } else { 10.0 + row as f64 };
     for (stiffness, k) in [
-        (Stiffness::Positive, &f64::max as &dyn Fn(f64, f64) -> f64),
-        (Stiffness::Magnitude, &|unknown: f64, _| unknown.abs()),
+        (StiffnessRule::Positive, &f64::max as &dyn Fn(f64, f64) -> f64),
+        (StiffnessRule::Magnitude, &|unknown: f64, _| unknown.abs()),
     ] {
         let predicted = frame.predict(&cells_with(&rows, unknown), stiffness);
         let plainly = cells_with(&rows, |row| k(unknown(row), 0.0));
-        assert_eq!(predicted, frame.predict(&plainly, Stiffness::Positive), "{stiffness:?}");
+        assert_eq!(predicted, frame.predict(&plainly, StiffnessRule::Positive), "{stiffness:?}");
     }
 }
 
@@ -100,7 +100,10 @@ fn without_contacts_the_predicted_torque_is_zero() {
     let mut rows = CellRows::new(centimetre_lattice());
     let none = Contacts::default();
     let frame = Observation::new(&robot, &poses, &none, &mut rows, &DVector::zeros(4));
-    assert_eq!(frame.predict(&cells_with(&rows, |_| 1.0), Stiffness::Positive), DVector::zeros(4));
+    assert_eq!(
+        frame.predict(&cells_with(&rows, |_| 1.0), StiffnessRule::Positive),
+        DVector::zeros(4)
+    );
 }
 
 #[test]

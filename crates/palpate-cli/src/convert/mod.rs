@@ -13,7 +13,7 @@ use crate::error::CliError;
 use crate::file_paths::{FilePaths, ending};
 use crate::interrupt;
 use crate::output::Output;
-use crate::settings::ReadSettings;
+use crate::settings::RobotAndLogSettings;
 
 const NOTES: &str = "Examples:
   palpate convert recording.mcap -o touches/            a folder of arrays for each touch
@@ -54,7 +54,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N/M", value_parser = number_in(0.0..=1e12, "a stiffness in N/m from 0 to 1e12"))]
     above: Option<f64>,
     #[command(flatten)]
-    settings: ReadSettings,
+    settings: RobotAndLogSettings,
 }
 
 /// Converts a log or a field.

@@ -15,12 +15,12 @@ use palpate_learn::body::ObjectHints;
 use palpate_learn::folds::folds;
 use palpate_learn::method::Method;
 use palpate_work::elastic::{bodies, learn_body, replace_elastic_by_map};
-use palpate_work::evaluate::{EvaluationJob, as_touches, configs, each_once};
+use palpate_work::evaluate::{EvaluationJob, configs, methods_to_compare, touch_samples};
 use palpate_work::extrapolate::{ExtrapolationJob as Extrapolating, ExtrapolationSettings};
 use palpate_work::learn::learn;
 use palpate_work::predict::{ReferenceTorque, TouchResult, score};
+use palpate_work::prediction_report::{PredictionReport, report_oddities};
 use palpate_work::robot;
-use palpate_work::scored::{PredictionReport, report_oddities};
 use palpate_work::touches::{RecordedTouch, Touches};
 use palpate_work::tune::{Tune, given, quickly_tuned};
 use serde::Serialize;
@@ -212,7 +212,7 @@ impl Args {
     ) -> Result<EvaluationSummary, CliError> {
         let Picture { bodies, cloud } = shown;
         replace_elastic_by_map(&mut settings, !bodies.is_empty())?;
-        let touches = as_touches(recorded, false)?;
+        let touches = touch_samples(recorded, false)?;
         let mut methods = QUICK.to_vec();
         if self.full {
             methods.clear();
@@ -226,7 +226,7 @@ impl Args {
             arm,
             recorded,
             touches: &touches,
-            methods: each_once(&methods, !bodies.is_empty())?,
+            methods: methods_to_compare(&methods, !bodies.is_empty())?,
             todo: (0..folds.len()).collect(),
             folds,
             estimators: configs(&settings)?,
@@ -234,7 +234,7 @@ impl Args {
             given: given(&settings),
             truth: false,
             bodies,
-            followed: None,
+            tracked: None,
         };
         let logs = vec!["the bundled touches".to_owned()];
         let origin = Origin { simulated: true, logs, settings, cloud };

@@ -126,7 +126,7 @@ impl Kept {
 }
 
 impl ResultStore for Kept {
-    fn parts(&self) -> Vec<FoldPrediction> {
+    fn stored_predictions(&self) -> Vec<FoldPrediction> {
         self.read("part-")
     }
 

@@ -16,7 +16,8 @@ use palpate_io::log::is_simulated;
 use palpate_learn::method::Method;
 use palpate_work::elastic::replace_elastic_by_map;
 use palpate_work::evaluate::{
-    Evaluated, EvaluationJob, as_touches, configs, each_once, folds, make_unique, method_of,
+    Evaluated, EvaluationJob, configs, folds, make_unique, method_of, methods_to_compare,
+    touch_samples,
 };
 use palpate_work::tune::{Tune, given};
 
@@ -117,7 +118,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let has_body = args.object.is_given();
     replace_elastic_by_map(&mut settings, has_body)?;
     settings.config()?;
-    let methods = each_once(&args.methods, has_body)?;
+    let methods = methods_to_compare(&args.methods, has_body)?;
     if args.methods.is_empty() {
         note_methods_not_built(output);
     } else if has_body && !methods.contains(&Method::Elastic) {
@@ -129,7 +130,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let (touches, arm) = logs::open(&args.logs, &mut settings, logs::IfUndecided::Refuse, output)?;
     let estimators = configs(&settings)?;
     let recorded = touches.read_to_learn(&arm, &settings, None, output)?;
-    let touches = as_touches(&recorded, args.truth)?;
+    let touches = touch_samples(&recorded, args.truth)?;
     let folds = folds(&touches, args.folds, &args.test)?;
     let work = EvaluationJob {
         arm: &arm,
@@ -143,7 +144,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         given: given(&settings),
         truth: args.truth,
         bodies,
-        followed: None,
+        tracked: None,
     };
     let origin = Origin {
         simulated: args.logs.iter().all(|log| is_simulated(log)),

@@ -7,7 +7,7 @@ use palpate_learn::evaluation::{
     Evaluation, HeldOutTouch, MeanStd, MethodSummary, PAPER_BASELINES, PAPER_FIELD,
 };
 use palpate_work::contact_counts::ContactCounts;
-use palpate_work::scored::ErrorFigures;
+use palpate_work::prediction_report::ErrorFigures;
 use serde_json::json;
 
 use crate::output::{Output, table};

@@ -12,7 +12,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::draw::{Area, Drawn, INK, svg, text};
 use super::raster::Raster;
 use super::scale::Scale;
-use super::view::{Frame, View};
+use super::view::{Rectangle, View};
 use crate::extrapolation_view::ExtrapolationView;
 use crate::hull::Hulls;
 
@@ -45,7 +45,7 @@ pub(crate) fn fig4(
 ) -> Result<String, String> {
     let figure = Figure::of(seen, threshold_n_per_m)?;
     let [left, right] = figure.panels();
-    let size = |panel: &Frame| panel.size().map(|side| (side * figure.px_per_m).round() as i32);
+    let size = |panel: &Rectangle| panel.size().map(|side| (side * figure.px_per_m).round() as i32);
     let ([left_px, height], [right_px, _]) = (size(&left), size(&right));
     let second = 2 * EDGE + left_px;
     let width = second + right_px + EDGE + BAR_WIDTH;
@@ -107,11 +107,11 @@ impl<'a> Figure<'a> {
 
     /// The frame of the left panel, with the stiff cells, the cloud and as much of the arms as fits; and that of the
     /// right panel, with the cloud.
-    fn panels(&self) -> [Frame; 2] {
-        let points = Frame::around(self.seen.points.iter().map(|point| self.view.seen(point)));
-        let stiff = Frame::around(self.stiff().map(|(point, _)| self.view.seen(&point)));
+    fn panels(&self) -> [Rectangle; 2] {
+        let points = Rectangle::around(self.seen.points.iter().map(|point| self.view.seen(point)));
+        let stiff = Rectangle::around(self.stiff().map(|(point, _)| self.view.seen(&point)));
         let [points, stiff] = [points, stiff].map(|frame| Some(frame?.with_margin([0.03; 2])));
-        let nothing = Frame { low: [-0.2, 0.0], high: [0.2, 0.4] };
+        let nothing = Rectangle { low: [-0.2, 0.0], high: [0.2, 0.4] };
         let cloud = points.or(stiff).unwrap_or(nothing);
         let object = cloud.and(stiff.unwrap_or(cloud));
         let corners = self.arms.iter().flat_map(|arm| self.hulls.hulls.iter().zip(arm));
@@ -120,19 +120,19 @@ impl<'a> Figure<'a> {
         });
         let [width, height] = object.size();
         let room = object.with_margin([0.5 * width.max(height), 0.25 * height]);
-        let arms = Frame::around(corners).map(|arms| arms.with_margin([0.02; 2]).within(room));
+        let arms = Rectangle::around(corners).map(|arms| arms.with_margin([0.02; 2]).within(room));
         let left = arms.map_or(object, |arms| object.and(arms));
         let heights = [left.low[1], left.high[1]];
-        [left, Frame { low: [cloud.low[0], heights[0]], high: [cloud.high[0], heights[1]] }]
+        [left, Rectangle { low: [cloud.low[0], heights[0]], high: [cloud.high[0], heights[1]] }]
     }
 
     /// Position of a point of the view in the pixels of a panel.
-    fn pixel(&self, panel: &Frame, [x, y, near]: [f64; 3]) -> [f64; 3] {
+    fn pixel(&self, panel: &Rectangle, [x, y, near]: [f64; 3]) -> [f64; 3] {
         let px_per_m = self.px_per_m * PIXELS;
         [x - panel.low[0], panel.high[1] - y, near].map(|side| side * px_per_m)
     }
 
-    fn raster(&self, panel: &Frame) -> Raster {
+    fn raster(&self, panel: &Rectangle) -> Raster {
         Raster::new(panel.size().map(|side| (side * self.px_per_m * PIXELS).round() as u32))
     }
 
@@ -141,7 +141,7 @@ impl<'a> Figure<'a> {
     }
 
     /// The stiff cells, and the arms laid over them.
-    fn touched(&self, panel: Frame) -> Raster {
+    fn touched(&self, panel: Rectangle) -> Raster {
         let mut raster = self.raster(&panel);
         let cell_px = self.seen.field.lattice.spacing_m() * self.px_per_m * PIXELS;
         for (point, stiffness) in self.stiff() {
@@ -168,7 +168,7 @@ impl<'a> Figure<'a> {
     }
 
     /// The cloud, coloured by stiffness.
-    fn cloud(&self, panel: Frame) -> Raster {
+    fn cloud(&self, panel: Rectangle) -> Raster {
         let mut raster = self.raster(&panel);
         // If the points were spread evenly over the panel, these dots would about fill it.
         let [width, height] = panel.size().map(|side| side * self.px_per_m * PIXELS);

@@ -48,12 +48,12 @@ impl View {
 
 /// A rectangle of the view: to the right and up, m.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Frame {
+pub(super) struct Rectangle {
     pub(super) low: [f64; 2],
     pub(super) high: [f64; 2],
 }
 
-impl Frame {
+impl Rectangle {
     /// The smallest rectangle around all points; `None` if there is no point.
     pub(super) fn around(points: impl Iterator<Item = [f64; 3]>) -> Option<Self> {
         points.fold(None, |frame: Option<Self>, [x, y, _]| {
@@ -108,11 +108,14 @@ mod tests {
     #[test]
     fn a_frame_holds_what_it_is_around() {
         let points = [[1.0, 2.0, 9.0], [-1.0, 5.0, -9.0]];
-        let frame = Frame::around(points.into_iter()).unwrap();
-        assert_eq!(frame, Frame { low: [-1.0, 2.0], high: [1.0, 5.0] });
+        let frame = Rectangle::around(points.into_iter()).unwrap();
+        assert_eq!(frame, Rectangle { low: [-1.0, 2.0], high: [1.0, 5.0] });
         assert_eq!(frame.with_margin([1.0, 0.5]).size(), [4.0, 4.0]);
-        assert_eq!(frame.and(Frame { low: [0.0, 0.0], high: [0.0, 9.0] }).size(), [2.0, 9.0]);
-        assert_eq!(frame.within(Frame { low: [0.0, 0.0], high: [9.0, 3.0] }).size(), [1.0, 1.0]);
-        assert_eq!(Frame::around(std::iter::empty()), None);
+        assert_eq!(frame.and(Rectangle { low: [0.0, 0.0], high: [0.0, 9.0] }).size(), [2.0, 9.0]);
+        assert_eq!(
+            frame.within(Rectangle { low: [0.0, 0.0], high: [9.0, 3.0] }).size(),
+            [1.0, 1.0]
+        );
+        assert_eq!(Rectangle::around(std::iter::empty()), None);
     }
 }

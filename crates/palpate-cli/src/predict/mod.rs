@@ -12,14 +12,14 @@ use std::sync::Arc;
 use palpate::{Arm, ExternalTorqueConfig};
 use palpate_io::field::{self, SavedField};
 use palpate_work::predict::{ReferenceTorque, score};
+use palpate_work::prediction_report::{PredictionReport, report_oddities};
 use palpate_work::robot;
-use palpate_work::scored::{PredictionReport, report_oddities};
 use palpate_work::touches::Touches;
 
 use crate::error::CliError;
 use crate::file_paths::FilePaths;
 use crate::output::Output;
-use crate::settings::{RobotAndLogSettings, Settings};
+use crate::settings::{RobotLogAndTouchSettings, Settings};
 use crate::{interrupt, logs, picture};
 
 pub(crate) use report::{bands, text};
@@ -65,7 +65,7 @@ pub(crate) struct Args {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    settings: RobotAndLogSettings,
+    settings: RobotLogAndTouchSettings,
 }
 
 impl Args {

@@ -1,7 +1,7 @@
 //! The four errors of Table I, per touch and over all frames, as text.
 
 use palpate_learn::bands::{CLASSES, Coverage};
-use palpate_work::scored::{ErrorFigures, PredictionReport, TouchErrors};
+use palpate_work::prediction_report::{ErrorFigures, PredictionReport, TouchErrors};
 
 use crate::output::{figure, table};
 

@@ -1,7 +1,7 @@
 //! Table I for each touch, as CSV.
 
 use palpate_learn::evaluation::Evaluation;
-use palpate_work::scored::ErrorFigures;
+use palpate_work::prediction_report::ErrorFigures;
 
 use crate::csv;
 

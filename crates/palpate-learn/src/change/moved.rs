@@ -7,7 +7,7 @@
 //! with steps that are halved again and again.
 
 use nalgebra::{DVector, Point3, Rotation2, Vector2, Vector3};
-use palpate::unstable::{CellRows, Observation, Stiffness};
+use palpate::unstable::{CellRows, Observation, StiffnessRule};
 use palpate::{CellId, Field, Lattice};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -135,7 +135,7 @@ pub(super) fn error(
         false => 0.0,
     });
     let of = |(frame, torque): &Wanted<'_>| {
-        (frame.predict(&cells, Stiffness::Positive) - torque).norm_squared()
+        (frame.predict(&cells, StiffnessRule::Positive) - torque).norm_squared()
     };
     frames.iter().map(of).sum()
 }

@@ -21,14 +21,16 @@ use crate::tune::{MIN_TUNING_TOUCHES, Tune};
 
 mod plan;
 
-pub use plan::{as_touches, configs, each_once, folds, make_unique, method_of, read, share};
+pub use plan::{
+    configs, folds, make_unique, method_of, methods_to_compare, read, share, touch_samples,
+};
 
 /// Storage of finished parts, so that an interrupted evaluation can continue.
 ///
 /// The default methods store nothing.
 pub trait ResultStore: Sync {
     /// Parts that were finished before.
-    fn parts(&self) -> Vec<FoldPrediction> {
+    fn stored_predictions(&self) -> Vec<FoldPrediction> {
         Vec::new()
     }
 
@@ -80,7 +82,7 @@ pub struct EvaluationJob<'a> {
     /// Possible elastic bodies of the object, for [`Method::Elastic`]; empty without a cloud.
     pub bodies: Vec<Arc<ElasticBody>>,
     /// The touches as tracked by [`track`] under the settings of `map`, if that was done before.
-    pub followed: Option<Arc<TrackedTouches>>,
+    pub tracked: Option<Arc<TrackedTouches>>,
 }
 
 /// Result of an evaluation.
@@ -107,14 +109,14 @@ impl EvaluationJob<'_> {
         progress: &dyn Progress,
     ) -> Result<Evaluated, WorkError> {
         let config = &self.estimators[0];
-        let tracked = match &self.followed {
+        let tracked = match &self.tracked {
             Some(followed) => Arc::clone(followed),
             None => Arc::new(
                 track(self.arm, config, self.touches, progress)
                     .map_err(|error| self.fault(error, keep))?,
             ),
         };
-        let tracked = self.bend(tracked, (keep, progress))?;
+        let tracked = self.with_body_torques(tracked, (keep, progress))?;
         let (estimators, tuner) = self.in_folds(&tracked, (keep, progress))?;
         let plan = EvaluationPlan {
             methods: self.methods.clone(),
@@ -123,7 +125,7 @@ impl EvaluationJob<'_> {
             config: config.clone(),
             estimators,
         };
-        let mut parts: Vec<FoldPrediction> = keep.parts();
+        let mut parts: Vec<FoldPrediction> = keep.stored_predictions();
         parts.retain(|part| plan.has(part, &tracked));
         if !parts.is_empty() {
             let done = parts.len();
@@ -179,7 +181,7 @@ impl EvaluationJob<'_> {
     }
 
     /// Adds the torques of the elastic bodies, if [`Method::Elastic`] is evaluated.
-    fn bend(
+    fn with_body_torques(
         &self,
         tracked: Arc<TrackedTouches>,
         (keep, progress): (&dyn ResultStore, &dyn Progress),

@@ -39,7 +39,7 @@ pub fn method_of(name: &str) -> Result<Method, String> {
 /// # Errors
 ///
 /// If `elastic` is given and there is no body.
-pub fn each_once(given: &[Method], has_body: bool) -> Result<Vec<Method>, WorkError> {
+pub fn methods_to_compare(given: &[Method], has_body: bool) -> Result<Vec<Method>, WorkError> {
     if given.contains(&Method::Elastic) && !has_body {
         return Err(WorkError::Usage(
             "the method `elastic` needs a coloured cloud, or a picture with depth, of the object: give it \
@@ -155,12 +155,15 @@ pub fn read(
 ) -> Result<(Vec<RecordedTouch>, Vec<TouchSamples>), WorkError> {
     settings.log.check_for(&arm.robot)?;
     let recorded = touches.read_to_learn(arm, settings, None, progress)?;
-    let touches = as_touches(&recorded, truth)?;
+    let touches = touch_samples(&recorded, truth)?;
     Ok((recorded, touches))
 }
 
 /// The touches as they are evaluated, with unique names.
-pub fn as_touches(recorded: &[RecordedTouch], truth: bool) -> Result<Vec<TouchSamples>, WorkError> {
+pub fn touch_samples(
+    recorded: &[RecordedTouch],
+    truth: bool,
+) -> Result<Vec<TouchSamples>, WorkError> {
     let mut names = Vec::new();
     let touch = |one: &RecordedTouch| {
         let ambiguous = recorded.iter().filter(|other| other.name == one.name).count() > 1;

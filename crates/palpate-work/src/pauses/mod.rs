@@ -17,8 +17,8 @@ use palpate::{
     Sample, Tare,
 };
 
-use crate::recorded::TouchEvent;
 use crate::settings::SettingsError;
+use crate::touches::TouchEvent;
 use load::Load;
 
 /// Splits touches at pauses.

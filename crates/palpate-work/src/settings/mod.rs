@@ -8,15 +8,15 @@ mod error;
 mod file;
 mod lattice;
 mod layer;
-mod parse;
 mod resolve;
 pub mod sections;
 mod template;
+mod values;
 
 pub use error::SettingsError;
 pub use file::{of_table, read};
 pub use lattice::corners;
 pub(crate) use lattice::{lattice_in_words, same_lattice};
-pub use parse::{Held, OrAuto, Renamed, TareFrames, named, pair, vector3};
 pub(crate) use resolve::{departures, first_difference};
 pub use sections::Settings;
+pub use values::{HeldJoint, OrAuto, RenamedJoint, TareFrames, named, pair, vector3};

@@ -12,8 +12,8 @@ use serde::Serialize;
 
 use super::error::SettingsError;
 use super::lattice::{lattice_in_words, same_lattice};
-use super::parse::{OrAuto, TareFrames};
 use super::sections::{LogSettings, RobotSettings, Section, Settings, TouchSettings};
+use super::values::{OrAuto, TareFrames};
 
 /// Largest spacing of baked distances, m; with a larger one, a link loses its shape.
 const BAKE_SPACING_LIMIT_M: f64 = 0.05;

@@ -15,8 +15,8 @@ use palpate_io::log::{AngleUnit, CsvColumns, LogOptions};
 use palpate_io::robot_files::ArmOptions;
 use serde::{Deserialize, Serialize};
 
-use super::parse::{
-    Held, OrAuto, Renamed, TareFrames, columns, counts3, from_word, named, vector3,
+use super::values::{
+    HeldJoint, OrAuto, RenamedJoint, TareFrames, columns, counts3, from_word, named, vector3,
 };
 
 /// All settings; those that are not given are `None`.
@@ -131,11 +131,11 @@ section! {
         pub bake_spacing_m: f64 => bake.spacing_m,
         /// Joints that are not in the logs and stand still, with their positions, rad or m
         /// [default: fingers that are missing in a log, in the middle of their range]
-        #[arg(long, value_name = "JOINT=POSITION", value_delimiter = ',', value_parser = from_word::<Held>)]
-        pub hold: Vec<Held>,
+        #[arg(long, value_name = "JOINT=POSITION", value_delimiter = ',', value_parser = from_word::<HeldJoint>)]
+        pub hold: Vec<HeldJoint>,
         /// Names of joints in the logs that differ from those in the URDF; results have the names of the logs
-        #[arg(long, value_name = "LOG=URDF", value_delimiter = ',', value_parser = from_word::<Renamed>)]
-        pub rename: Vec<Renamed>,
+        #[arg(long, value_name = "LOG=URDF", value_delimiter = ',', value_parser = from_word::<RenamedJoint>)]
+        pub rename: Vec<RenamedJoint>,
         /// File of the identified arm from `palpate identify`: the torques of its masses, friction and bias are
         /// subtracted from the logged torques, and torques count less where its noise is larger
         #[arg(long, value_name = "ARM.toml")]

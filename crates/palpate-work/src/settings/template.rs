@@ -6,8 +6,8 @@ use palpate::{EstimatorKind, Lattice, Tare};
 use super::error::SettingsError;
 use super::file::sections;
 use super::lattice::corners;
-use super::parse::{OrAuto, TareFrames};
 use super::sections::{Section, Settings};
+use super::values::{OrAuto, TareFrames};
 use crate::tune::CHOSEN;
 
 impl Settings {

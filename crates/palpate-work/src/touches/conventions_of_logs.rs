@@ -14,9 +14,9 @@ use crate::error::WorkError;
 use crate::held_joints;
 use crate::inspect::{are_degrees, are_radians, is_misread};
 use crate::progress::Progress;
-use crate::recorded::reorder_joints;
 use crate::settings::sections::{RobotSettings, TouchSettings};
 use crate::settings::{OrAuto, Settings};
+use crate::touches::reorder_joints;
 
 /// Most samples that are read ahead to find the conventions: 20 MB for seven joints.
 pub(super) const AHEAD: usize = 100_000;

@@ -32,7 +32,7 @@ impl Touches {
     /// # Errors
     ///
     /// If the torque convention is refused, or the arm's file cannot be read or belongs to another robot.
-    pub fn external(
+    pub fn prepare_torques(
         &mut self,
         arm: &Arc<Arm>,
         settings: &mut Settings,
@@ -43,7 +43,7 @@ impl Touches {
             self.refuse_currents()?;
             return self.conventions(arm, &mut settings.touch, if_undecided, progress);
         };
-        self.measured(arm, Some((model, Differentiation::Centred)), settings, progress)
+        self.decide_convention(arm, Some((model, Differentiation::Centred)), settings, progress)
     }
 
     /// Finds sign and gravity of the logged torques and writes them into the settings. With a model, the torques become
@@ -53,7 +53,7 @@ impl Touches {
     ///
     /// If the data do not decide the convention, if something looks wrong and the settings are `strict`, or if the
     /// model belongs to another arm.
-    pub fn measured(
+    pub fn decide_convention(
         &mut self,
         arm: &Arc<Arm>,
         model: Option<(TorqueModel, Differentiation)>,
@@ -65,7 +65,7 @@ impl Touches {
         self.conventions(arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
         self.check_as_logged(arm, known, settings, progress)?;
         model.map_or(Ok(()), |(model, differentiation)| {
-            self.identified(arm, model, differentiation, &settings.touch)
+            self.use_arm_model(arm, model, differentiation, &settings.touch)
         })
     }
 
@@ -85,7 +85,7 @@ impl Touches {
     /// # Errors
     ///
     /// If the columns of a log are motor currents, and the model was identified on torques, or not at all.
-    pub fn identified(
+    pub fn use_arm_model(
         &mut self,
         arm: &Arc<Arm>,
         model: TorqueModel,

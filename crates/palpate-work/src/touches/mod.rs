@@ -11,6 +11,7 @@ mod as_logged;
 mod conventions_of_logs;
 mod identified;
 mod logs;
+mod recorded;
 
 use std::collections::{HashSet, VecDeque};
 use std::path::{Path, PathBuf};
@@ -26,14 +27,15 @@ use crate::error::WorkError;
 use crate::inspect::log::LogCheck;
 use crate::pauses::Pauses;
 use crate::progress::Progress;
-use crate::recorded::{MemoryLog, reorder_joints};
 use crate::settings::Settings;
 use crate::settings::sections::LogSettings;
 use identified::ExternalReader;
 use logs::Logs;
+use recorded::MemoryLog;
 
-pub use crate::recorded::{RecordedTouch, TouchEvent};
 pub use conventions_of_logs::IfUndecided;
+pub(crate) use recorded::reorder_joints;
+pub use recorded::{RecordedTouch, TouchEvent};
 
 /// Logs that are read as one.
 #[derive(Default)]

@@ -135,7 +135,7 @@ impl<'a> PathContactSimulator<'a> {
         let begins_touch = self.trajectory.start.is_none();
         for (at, stop) in stop_at.iter().enumerate() {
             if at > 0 {
-                self.stick_and_slip(at, &mut slipping, &mut released);
+                self.move_held_points(at, &mut slipping, &mut released);
             }
             self.find_entered(at, &mut covered);
             let is_empty = at == 0 && begins_touch && self.trajectory.rules.known_empty;
@@ -157,12 +157,12 @@ impl<'a> PathContactSimulator<'a> {
         }
     }
 
-    /// Applies stick, slip and release to all points that are held, with the links at a waypoint.
-    fn stick_and_slip(&mut self, at: usize, slipping: &mut Vec<u32>, released: &mut Vec<usize>) {
+    /// Applies stick, slip, rub and release to all points that are held, with the links at a waypoint.
+    fn move_held_points(&mut self, at: usize, slipping: &mut Vec<u32>, released: &mut Vec<usize>) {
         for (link, held) in self.trajectory.links.iter().zip(&mut self.held) {
             let surface = self.trajectory.surface(link);
             let points = &mut held.points[..];
-            self.trajectory.rules.stick_and_slip(surface, &link.placed[at], (points, slipping));
+            self.trajectory.rules.move_held_points(surface, &link.placed[at], (points, slipping));
             let mut index = 0;
             while index < held.points.len() {
                 if held.points[index].held {

@@ -55,7 +55,7 @@ const SURFACE_TOLERANCE_M: f64 = 1e-5;
 /// Slope of Coulomb friction over tangential motion, relative to the stiffness of the point. A branch bends, but hardly
 /// stretches, so friction along it reverses within millimetres. Of 1, 3 and 10, 3 had the smallest errors on three
 /// simulated plants (means 0.37, 0.36 and 0.38).
-const PRESLIDING: f64 = 3.0;
+const FRICTION_SLOPE: f64 = 3.0;
 
 /// Factor on both tolerances where one point represents a cluster of neighbours.
 const COARSE: f64 = 100.0;
@@ -104,7 +104,7 @@ impl ContactRules {
     /// Points slip in rounds, all together, so that the processor looks up many distances at once instead of waiting
     /// for each. `slipping` is reused memory for the indices of points that still slip. Released points have
     /// [`HeldPoint::held`] false afterwards.
-    pub(super) fn stick_and_slip(
+    pub(super) fn move_held_points(
         &self,
         surface: &DistanceGrid,
         placed: &PosedLink,
@@ -239,14 +239,14 @@ impl HeldPoint {
     /// Called before the link moves: adds the rest point, so that [`HeldPoint::rub`] can subtract the one after the
     /// motion.
     fn remember_rest(&mut self) {
-        self.friction_link += self.rest_link.coords * PRESLIDING;
+        self.friction_link += self.rest_link.coords * FRICTION_SLOPE;
     }
 
     /// *Rub*: replaces the tangential part of u by Coulomb friction. Friction grows with the tangential motion of the
     /// link, up to `coulomb_friction` times the normal force, so it reverses soon after the motion does.
     fn rub(&mut self, placed: &PosedLink, coulomb_friction: f64) {
         let along_m = (self.anchor_link - self.rest_link).dot(&self.normal_link);
-        let mut friction = self.friction_link - self.rest_link.coords * PRESLIDING;
+        let mut friction = self.friction_link - self.rest_link.coords * FRICTION_SLOPE;
         friction -= self.normal_link * friction.dot(&self.normal_link);
         let (most_m, friction_m) = (coulomb_friction * along_m.max(0.0), friction.norm());
         if friction_m > most_m {

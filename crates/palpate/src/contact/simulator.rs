@@ -31,7 +31,7 @@ pub struct ContactSimulator {
     state: ContactState,
     /// Broad phase of each link.
     broad_phases: Vec<BroadPhase>,
-    /// Reused memory for [`ContactRules::stick_and_slip`].
+    /// Reused memory for [`ContactRules::move_held_points`].
     slipping: Vec<u32>,
 }
 
@@ -128,7 +128,7 @@ impl ContactSimulator {
         if world_from_link != poses {
             let mut released = Vec::new();
             for (link, pose) in world_from_link.iter().enumerate() {
-                self.stick_and_slip(link, pose, &mut released);
+                self.move_held_points(link, pose, &mut released);
             }
             self.move_links(world_from_link);
             let entered = self.find_entered(&released);
@@ -137,9 +137,9 @@ impl ContactSimulator {
         self.contacts()
     }
 
-    /// Applies stick, slip and release to the points of one link; adds the places of released ones to
+    /// Applies stick, slip, rub and release to the points of one link; adds the places of released ones to
     /// `released`.
-    fn stick_and_slip(
+    fn move_held_points(
         &mut self,
         link: usize,
         world_from_link: &Isometry3<f64>,
@@ -148,7 +148,7 @@ impl ContactSimulator {
         let Some(surface) = &self.surfaces[link] else { return };
         let held = &mut self.state.held[link];
         let placed = PosedLink::new(world_from_link);
-        self.rules.stick_and_slip(surface, &placed, (&mut *held, &mut self.slipping));
+        self.rules.move_held_points(surface, &placed, (&mut *held, &mut self.slipping));
         let first = released.len();
         let let_go = held.iter().filter(|point| !point.held);
         released.extend(let_go.map(|point| self.lattice.place(point.cell)));

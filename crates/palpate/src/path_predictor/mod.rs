@@ -67,7 +67,7 @@ use nalgebra::{DVector, Isometry3};
 use rayon::prelude::*;
 
 pub use self::clusters::CLUSTER_WEIGHT;
-pub use self::config::{MAX_BODY_MOTIONS, MAX_MOTIONS, MAX_POINTS, PathConfig};
+pub use self::config::{MAX_BODY_STOPS, MAX_POINTS, MAX_STOPS, PathConfig};
 pub use self::error::PathError;
 use self::link_wrenches::LinkWrenches;
 use self::parallel::in_chunks;
@@ -230,10 +230,10 @@ impl PathPredictor {
     pub fn answer(&self, path: &CheckedPath<'_>) -> Result<PathPrediction, PathError> {
         let from = self.current_state.as_ref().filter(|from| self.starts_at(from, path));
         let waypoints = self.waypoints(path, from)?;
-        if let Some(number) = waypoints.stops.iter().position(|at| *at > MAX_BODY_MOTIONS)
+        if let Some(number) = waypoints.stops.iter().position(|at| *at > MAX_BODY_STOPS)
             && self.body.is_some()
         {
-            return Err(PathError::TooLong { point: path.stops[number], most: MAX_BODY_MOTIONS });
+            return Err(PathError::TooLong { point: path.stops[number], most: MAX_BODY_STOPS });
         }
         let state = from.map(|(_, state)| Arc::clone(state));
         let wrenches = self.wrenches(&waypoints, state, path.inside);
@@ -310,8 +310,8 @@ impl PathPredictor {
             }
             waypoints.go(here.1);
             waypoints.stops.push(waypoints.poses.len() - 1);
-            if waypoints.stops.last() > Some(&(2 * MAX_MOTIONS)) {
-                return Err(PathError::TooLong { point: stop, most: MAX_MOTIONS });
+            if waypoints.stops.last() > Some(&(2 * MAX_STOPS)) {
+                return Err(PathError::TooLong { point: stop, most: MAX_STOPS });
             }
             before = here;
         }

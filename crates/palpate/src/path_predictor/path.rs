@@ -1,6 +1,6 @@
 //! Paths: their points, the path length between them, and their stops.
 
-use super::{MAX_MOTIONS, MAX_POINTS, PathConfig, PathError};
+use super::{MAX_POINTS, MAX_STOPS, PathConfig, PathError};
 use crate::motion::{Substeps, Waypoint};
 use crate::robot::Poses;
 
@@ -83,8 +83,8 @@ impl PathChecker {
         let mut checked = CheckedPath::new(&self.substeps, path, (start_m, config.inside))?;
         checked.stops =
             checked.find_stops(&self.substeps, config.resolution_cells * self.spacing_m);
-        match checked.stops.get(MAX_MOTIONS) {
-            Some(&point) => Err(PathError::TooLong { point, most: MAX_MOTIONS }),
+        match checked.stops.get(MAX_STOPS) {
+            Some(&point) => Err(PathError::TooLong { point, most: MAX_STOPS }),
             None => Ok(checked),
         }
     }
@@ -109,14 +109,14 @@ impl<'a> CheckedPath<'a> {
             substeps.robot().forward(q).map_err(reason)
         });
         let poses: Vec<Poses> = poses.collect::<Result<_, _>>()?;
-        let (mut along_m, longest_m) = (vec![0.0], MAX_MOTIONS as f64 * substeps.substep_m());
+        let (mut along_m, longest_m) = (vec![0.0], MAX_STOPS as f64 * substeps.substep_m());
         for point in 1..q.len() {
             let [from, to] = [point - 1, point].map(|n| (q[n], &poses[n].world_from_link[..]));
             let path_length_m =
                 substeps.path_length_m(from, to).map_err(|error| PathError::at(point, error))?;
             along_m.push(along_m[point - 1] + path_length_m);
             if along_m[point].is_nan() || along_m[point] > longest_m {
-                return Err(PathError::TooLong { point, most: MAX_MOTIONS });
+                return Err(PathError::TooLong { point, most: MAX_STOPS });
             }
         }
         Ok(Self { q, poses, along_m, stops: Vec::new(), start_m, inside })

@@ -114,7 +114,7 @@ impl CellState {
 
 /// How K follows from the unknown of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stiffness {
+pub enum StiffnessRule {
     /// `K = max(z, 0)`.
     Positive,
     /// `K = |κ|` (Eq. 3).
@@ -364,7 +364,7 @@ impl Observation {
     /// Torque that the field exerts: `τ̂ = Σ wᵢ Kᵢ` (Eq. 5), n_joints, N·m.
     ///
     /// `cells` are the touched cells by row.
-    pub fn predict(&self, cells: &[CellState], stiffness: Stiffness) -> DVector<f64> {
+    pub fn predict(&self, cells: &[CellState], stiffness: StiffnessRule) -> DVector<f64> {
         self.predict_prefetching(&mut Prefetch::nothing(), cells, stiffness)
     }
 
@@ -373,7 +373,7 @@ impl Observation {
         &self,
         prefetch: &mut Prefetch<'_>,
         cells: &[CellState],
-        stiffness: Stiffness,
+        stiffness: StiffnessRule,
     ) -> DVector<f64> {
         let level = SimdLevel::best();
         let mut tau = DVector::zeros(self.n_joints);

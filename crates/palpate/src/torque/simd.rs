@@ -9,7 +9,7 @@
 
 use pulp::{Scalar256b, Simd, f32x4, f64x4};
 
-use super::{Block, CellState, LANES, Prefetch, Stiffness, rows_of};
+use super::{Block, CellState, LANES, Prefetch, StiffnessRule, rows_of};
 
 /// An instruction set that works on four lanes at once.
 pub(super) trait Quads: Simd<f64s = f64x4> {
@@ -184,7 +184,7 @@ fn total(f64x4(a, b, c, d): f64x4) -> f64 {
 /// `Σ Kᵢ (−uᵢ, −pᵢ × uᵢ)`: the wrench of all springs.
 pub(super) struct Wrench<'a> {
     pub(super) cells: &'a [CellState],
-    pub(super) stiffness: Stiffness,
+    pub(super) stiffness: StiffnessRule,
     pub(super) sums: [f64x4; 6],
 }
 
@@ -195,8 +195,8 @@ impl Sum for Wrench<'_> {
     fn add<S: Quads>(&mut self, simd: S, block: &Block, _: usize) {
         let Quad { u: [ux, uy, uz], p: [px, py, pz], unknown } = Quad::new(simd, block, self.cells);
         let k = match self.stiffness {
-            Stiffness::Positive => simd.max_f64s(unknown, simd.splat_f64s(0.0)),
-            Stiffness::Magnitude => simd.abs_f64s(unknown),
+            StiffnessRule::Positive => simd.max_f64s(unknown, simd.splat_f64s(0.0)),
+            StiffnessRule::Magnitude => simd.abs_f64s(unknown),
         };
         let (x, y, z) = (simd.mul_f64s(k, ux), simd.mul_f64s(k, uy), simd.mul_f64s(k, uz));
         let sums = &mut self.sums;
@@ -395,7 +395,7 @@ mod tests {
     fn all_sums(level: &impl Runs) -> Vec<u64> {
         let (blocks, mut cells) = frame();
         let mut out = Vec::new();
-        for stiffness in [Stiffness::Positive, Stiffness::Magnitude] {
+        for stiffness in [StiffnessRule::Positive, StiffnessRule::Magnitude] {
             let sum = Wrench { cells: &cells, stiffness, sums: [ZERO; 6] };
             out.extend(level.run(&blocks, sum));
         }

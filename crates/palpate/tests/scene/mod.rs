@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it
 
 use nalgebra::DVector;
-use palpate::unstable::{CellRows, CellState, LinkContacts, LinkId, Observation, Stiffness};
+use palpate::unstable::{CellRows, CellState, LinkContacts, LinkId, Observation, StiffnessRule};
 use palpate::{Contacts, EstimatorConfig, EstimatorKind, Lattice, MemoryLimits, Prior, Robot};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::Rng;
@@ -129,7 +129,7 @@ pub fn random_frame(
     let frame = Observation::new(robot, &poses, &all, rows, &DVector::zeros(n_joints));
     let cells = rows.cells();
     let truth = |row: usize| stiffness[lattice.place(cells[row])[0] as usize];
-    let tau = frame.predict(&cells_with(rows, truth), Stiffness::Positive)
+    let tau = frame.predict(&cells_with(rows, truth), StiffnessRule::Positive)
         + DVector::from_fn(n_joints, |_, _| uniform(rng, -error, error));
     frame.with_tau(&tau)
 }

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::super::finding::Finding;
 use super::super::words::listed;
-use crate::recorded::{RecordedTouch, reorder_joints};
+use crate::touches::{RecordedTouch, reorder_joints};
 
 /// How the joints of the log were matched to those of the robot; for several touches, the variant
 /// that comes last in this list.

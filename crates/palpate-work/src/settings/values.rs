@@ -68,14 +68,14 @@ pub(super) fn columns(text: &str) -> Result<CsvColumns, String> {
 /// A joint that stands still, and its position: `JOINT=POSITION`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
-pub struct Held {
+pub struct HeldJoint {
     /// Name of the joint.
     pub joint: String,
     /// Its position, rad or m.
     pub position: f64,
 }
 
-impl TryFrom<String> for Held {
+impl TryFrom<String> for HeldJoint {
     type Error = String;
 
     fn try_from(text: String) -> Result<Self, String> {
@@ -88,8 +88,8 @@ impl TryFrom<String> for Held {
     }
 }
 
-impl From<Held> for String {
-    fn from(held: Held) -> Self {
+impl From<HeldJoint> for String {
+    fn from(held: HeldJoint) -> Self {
         format!("{}={}", held.joint, held.position)
     }
 }
@@ -97,14 +97,14 @@ impl From<Held> for String {
 /// Name of a joint in the log and in the URDF: `LOG=URDF`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
-pub struct Renamed {
+pub struct RenamedJoint {
     /// Its name in the log.
     pub in_log: String,
     /// Its name in the URDF.
     pub in_urdf: String,
 }
 
-impl TryFrom<String> for Renamed {
+impl TryFrom<String> for RenamedJoint {
     type Error = String;
 
     fn try_from(text: String) -> Result<Self, String> {
@@ -120,8 +120,8 @@ impl TryFrom<String> for Renamed {
     }
 }
 
-impl From<Renamed> for String {
-    fn from(renamed: Renamed) -> Self {
+impl From<RenamedJoint> for String {
+    fn from(renamed: RenamedJoint) -> Self {
         format!("{}={}", renamed.in_log, renamed.in_urdf)
     }
 }

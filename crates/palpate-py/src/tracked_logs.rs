@@ -15,7 +15,7 @@ use crate::log::{Source, opened};
 use crate::watch::{Message, Watch};
 
 /// Touches of an evaluation, with their contacts.
-pub(crate) struct Followed {
+pub(crate) struct TrackedLogs {
     /// Everything that they depend on, as JSON.
     key: String,
     /// The touches as recorded.
@@ -31,9 +31,9 @@ pub(crate) struct Followed {
 }
 
 /// The touches of the last call with a name (`reuse`). Only one is kept, since contacts can take much memory.
-static LAST: Mutex<Option<Arc<Followed>>> = Mutex::new(None);
+static LAST: Mutex<Option<Arc<TrackedLogs>>> = Mutex::new(None);
 
-impl Followed {
+impl TrackedLogs {
     /// The touches with their contacts.
     pub(crate) fn tracked(&self) -> Arc<TrackedTouches> {
         Arc::clone(&self.tracked)
@@ -64,7 +64,7 @@ impl Followed {
         }
         let mut touches = opened(sources, &settings.log)?;
         touches.angle_unit(arm, settings, progress)?;
-        touches.external(arm, settings, IfUndecided::Refuse, progress)?;
+        touches.prepare_torques(arm, settings, IfUndecided::Refuse, progress)?;
         let (recorded, touches) = evaluate::read(touches, (arm, settings), truth, progress)?;
         let tracked = track(arm, &configs(settings)?[0], &touches, progress)
             .map_err(|error| fault(&recorded, error, String::new()))?;
