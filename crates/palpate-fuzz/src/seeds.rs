@@ -1,7 +1,7 @@
 //! Seeds of the targets: files that palpate itself writes, and small files of other programs.
 
 use std::collections::BTreeMap;
-use std::io::Cursor;
+use std::io::{self, Cursor};
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
@@ -9,8 +9,8 @@ use nalgebra::Point3;
 use palpate::{Arm, BakeConfig, EstimatorKind, Lattice, Mapper, MapperConfig, Robot, Sample};
 use palpate_io::cloud::{self, Cloud, Column};
 use palpate_io::field::{SavedField, npz, to_bytes};
-use palpate_io::log::bag_write::{Compression, TouchWriter};
-use palpate_io::log::write::TableWriter;
+use palpate_io::log::bag_write::{BagWriter, Compression};
+use palpate_io::log::write::{TableWriter, TouchWriter};
 use palpate_work::settings::Settings;
 
 use crate::scratch;
@@ -106,13 +106,16 @@ pub(crate) fn arrays() -> Vec<Vec<u8>> {
     vec![[&length[..], &q, &tau].concat()]
 }
 
+fn write_one_touch(mut writer: impl TouchWriter) -> io::Result<()> {
+    writer.touch("one")?;
+    samples().try_for_each(|sample| writer.sample(&sample))?;
+    writer.finish()
+}
+
 /// Tables: one of palpate, and others with other delimiters and names.
 pub(crate) fn table() -> Vec<Vec<u8>> {
     let mut text = Vec::new();
-    let mut writer = TableWriter::new(&mut text, Some(joints()));
-    writer.touch("one");
-    samples().for_each(|sample| writer.sample(&sample).expect("memory takes it"));
-    writer.finish().expect("memory takes it");
+    write_one_touch(TableWriter::new(&mut text, Some(joints()))).expect("memory takes it");
     let others = [
         "t;q1;q2;tau1;tau2\n0;0,5;1;2;3\n1;0,6;1;2;3\n",
         "# é\r\n\"/joint_states/position[0]\",/joint_states/position[1],joint_1_effort,joint_2_effort,seq\r\n\
@@ -129,10 +132,8 @@ pub(crate) fn bag() -> Vec<Vec<u8>> {
 
 fn bag_of(compression: Compression) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
-    let mut writer = TouchWriter::new(&mut bytes, joints(), compression).expect("memory takes it");
-    writer.touch("one");
-    samples().for_each(|sample| writer.sample(&sample).expect("memory takes it"));
-    writer.finish().expect("memory takes it");
+    let written = BagWriter::new(&mut bytes, joints(), compression).and_then(write_one_touch);
+    written.expect("memory takes it");
     bytes.into_inner()
 }
 

@@ -162,7 +162,7 @@ fn mcap(out: impl Write + Seek, joints: &[String], rows: &[TorqueRow<'_>]) -> io
     for row in rows {
         if touch != Some(row.touch) {
             touch = Some(row.touch);
-            bag.touch(row.touch);
+            bag.touch(row.touch)?;
         }
         bag.torque((row.time_s, row.q, row.torque), row.std, row.touched)?;
     }

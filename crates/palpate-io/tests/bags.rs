@@ -6,7 +6,8 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use mcap::records::MessageHeader;
-use palpate_io::log::bag_write::{Compression, TouchWriter};
+use palpate_io::log::bag_write::{BagWriter, Compression};
+use palpate_io::log::write::TouchWriter;
 use palpate_io::log::{self, LogEvent, LogFormat, LogOptions, LogWarning, Sample};
 use re_cdr::{CdrWriter, LittleEndian};
 use tempfile::TempDir;
@@ -28,9 +29,9 @@ fn sample(i: usize) -> Sample {
 /// Writes two touches with `samples` samples each.
 fn write(path: &Path, samples: usize, compression: Compression) {
     let joints = names(&["a", "b"]);
-    let mut bag = TouchWriter::new(File::create(path).unwrap(), joints, compression).unwrap();
+    let mut bag = BagWriter::new(File::create(path).unwrap(), joints, compression).unwrap();
     for touch in ["first push", "second"] {
-        bag.touch(touch);
+        bag.touch(touch).unwrap();
         (0..samples).for_each(|i| bag.sample(&sample(i)).unwrap());
     }
     bag.finish().unwrap();
@@ -292,9 +293,9 @@ fn touches_get_different_names_whatever_the_markers_say() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bag.mcap");
     let file = File::create(&path).unwrap();
-    let mut bag = TouchWriter::new(file, names(&["a", "b"]), Compression::None).unwrap();
+    let mut bag = BagWriter::new(file, names(&["a", "b"]), Compression::None).unwrap();
     for touch in ["push_2", "push", "push"] {
-        bag.touch(touch);
+        bag.touch(touch).unwrap();
         bag.sample(&sample(1)).unwrap();
     }
     bag.finish().unwrap();

@@ -11,8 +11,8 @@ use palpate::{CellId, EstimatorKind, Field, MapperConfig};
 use palpate_io::body;
 use palpate_io::field::npz::{Array, Data, read_npz, write_npz};
 use palpate_io::field::{FieldFile, FieldLattice, SavedField, from_bytes, load, save, to_bytes};
-use palpate_io::log::bag_write::{Compression, TouchWriter};
-use palpate_io::log::write::{ArraysWriter, TableWriter};
+use palpate_io::log::bag_write::{BagWriter, Compression};
+use palpate_io::log::write::{ArraysWriter, TableWriter, TouchWriter};
 use palpate_io::log::{self, LogEvent, LogOptions, Sample};
 use proptest::prelude::*;
 
@@ -57,6 +57,14 @@ fn read(path: &Path) -> Touches {
         }
     }
     touches
+}
+
+fn write(mut out: impl TouchWriter, touches: &Touches) {
+    for (name, samples) in touches {
+        out.touch(name).unwrap();
+        samples.iter().for_each(|sample| out.sample(sample).unwrap());
+    }
+    out.finish().unwrap();
 }
 
 /// Samples as bits, so that 0 and −0 differ.
@@ -109,12 +117,7 @@ proptest! {
     fn a_table_holds_touches_of_any_name(written in touches(r"[^\pC\s](\PC{0,18}[^\pC\s])?")) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("log.csv");
-        let mut table = TableWriter::new(File::create(&path).unwrap(), None);
-        for (name, samples) in &written {
-            table.touch(name);
-            samples.iter().for_each(|sample| table.sample(sample).unwrap());
-        }
-        table.finish().unwrap();
+        write(TableWriter::new(File::create(&path).unwrap(), None), &written);
         let found = read(&path);
         prop_assert_eq!(bits(&found), bits(&written));
         prop_assert_eq!(names_of(&found), unique(&written));
@@ -126,12 +129,7 @@ proptest! {
     ) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("log");
-        let mut arrays = ArraysWriter::new(&path).unwrap();
-        for (name, samples) in &written {
-            arrays.touch(name).unwrap();
-            samples.iter().for_each(|sample| arrays.sample(sample).unwrap());
-        }
-        arrays.finish().unwrap();
+        write(ArraysWriter::new(&path).unwrap(), &written);
         let found = read(&path);
         prop_assert_eq!(bits(&found), bits(&written));
         prop_assert_eq!(found.len(), written.len());
@@ -145,12 +143,7 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("log.mcap");
         let joints = (0..written[0].1[0].q.len()).map(|joint| format!("j{joint}")).collect();
-        let mut bag = TouchWriter::new(File::create(&path).unwrap(), joints, compression).unwrap();
-        for (name, samples) in &written {
-            bag.touch(name);
-            samples.iter().for_each(|sample| bag.sample(sample).unwrap());
-        }
-        bag.finish().unwrap();
+        write(BagWriter::new(File::create(&path).unwrap(), joints, compression).unwrap(), &written);
         let found = read(&path);
         prop_assert_eq!(bits(&found), bits(&written));
         prop_assert_eq!(names_of(&found), unique(&written));

@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use palpate::Arm;
 use palpate_io::atomic;
-use palpate_io::log::bag_write::{Compression, TouchWriter};
-use palpate_io::log::write::{ArraysWriter, TableWriter};
+use palpate_io::log::bag_write::{BagWriter, Compression};
+use palpate_io::log::write::{ArraysWriter, TableWriter, TouchWriter};
 use palpate_work::inspect::counted;
 use palpate_work::robot;
 use palpate_work::touches::{TouchEvent, Touches};
@@ -159,54 +159,34 @@ impl Copying<'_> {
     ) -> Result<(), CliError> {
         let failed = |source| CliError::Write { what: format!("`{}`", path.display()), source };
         match format {
-            Format::Arrays => ArraysWriter::new(path).map_err(failed).and_then(|mut arrays| {
-                let copied = self.hand_on(first, |event| match event {
-                    TouchEvent::Touch(name) => arrays.touch(name),
-                    TouchEvent::Sample(sample) => arrays.sample(sample),
-                });
-                copied.and_then(|()| arrays.finish()).map_err(failed)
-            }),
-            Format::Table => atomic::write(path, |out| {
-                let mut table = TableWriter::new(out, joints);
-                self.hand_on(first, |event| match event {
-                    TouchEvent::Touch(name) => {
-                        table.touch(name);
-                        Ok(())
-                    }
-                    TouchEvent::Sample(sample) => table.sample(sample),
-                })?;
-                table.finish()
-            })
-            .map_err(CliError::file),
+            Format::Arrays => {
+                ArraysWriter::new(path).and_then(|out| self.hand_on(first, out)).map_err(failed)
+            }
+            Format::Table => {
+                atomic::write(path, |out| self.hand_on(first, TableWriter::new(out, joints)))
+                    .map_err(CliError::file)
+            }
             Format::Bag(compression) => atomic::write(path, |out| {
-                let mut bag = TouchWriter::new(out, joints.unwrap_or_default(), compression)?;
-                self.hand_on(first, |event| match event {
-                    TouchEvent::Touch(name) => {
-                        bag.touch(name);
-                        Ok(())
-                    }
-                    TouchEvent::Sample(sample) => bag.sample(sample),
-                })?;
-                bag.finish()
+                let bag = BagWriter::new(out, joints.unwrap_or_default(), compression)?;
+                self.hand_on(first, bag)
             })
             .map_err(CliError::file),
         }
     }
 
-    /// Passes `first`, the touch that has begun already, and all following events to `take`.
+    /// Passes `first`, the touch that has begun already, and all following events to `out`, and finishes it.
     ///
     /// An error gives up the output; an error of the reading is kept in `fault`.
-    fn hand_on(
-        &mut self,
-        first: String,
-        mut take: impl FnMut(&TouchEvent) -> io::Result<()>,
-    ) -> io::Result<()> {
+    fn hand_on(&mut self, first: String, mut out: impl TouchWriter) -> io::Result<()> {
         let mut next = Some(TouchEvent::Touch(first));
         while let Some(event) = next {
-            take(&event)?;
             match event {
-                TouchEvent::Touch(_) => self.count.0 += 1,
+                TouchEvent::Touch(name) => {
+                    out.touch(&name)?;
+                    self.count.0 += 1;
+                }
                 TouchEvent::Sample(sample) => {
+                    out.sample(&sample)?;
                     self.count.1 += 1;
                     self.beyond += u64::from(sample.q.iter().any(|q| q.abs() > LARGEST_RAD));
                     self.bar.step();
@@ -223,6 +203,6 @@ impl Copying<'_> {
                 io::Error::other("reading stopped")
             })?;
         }
-        Ok(())
+        out.finish()
     }
 }

@@ -18,6 +18,32 @@ use super::names::UniqueNames;
 use crate::atomic;
 use crate::npy::write_header;
 
+/// Writes touches, one sample after another.
+pub trait TouchWriter {
+    /// Starts a touch; a name that was used before gets a number appended, in a bag when it is read.
+    ///
+    /// # Errors
+    ///
+    /// If a folder of arrays cannot be created, or that of the previous touch cannot be completed.
+    fn touch(&mut self, name: &str) -> io::Result<()>;
+
+    /// Writes a sample of the touch that was started last.
+    ///
+    /// # Errors
+    ///
+    /// If it cannot be written, or differs in the number of joints or in having a time from the first sample of the
+    /// table or of the folder; in a bag, if it does not have one position and one torque per joint, or has a time
+    /// that a header cannot represent.
+    fn sample(&mut self, sample: &Sample) -> io::Result<()>;
+
+    /// Completes the output; a folder of arrays gets its final name.
+    ///
+    /// # Errors
+    ///
+    /// If the rest cannot be written, or the folder cannot be renamed.
+    fn finish(self) -> io::Result<()>;
+}
+
 /// Writes touches as a CSV table with columns for touch, time (if there is one), positions and
 /// torques.
 pub struct TableWriter<W: Write> {
@@ -34,40 +60,6 @@ impl<W: Write> TableWriter<W> {
         // The name of a touch may begin like a comment, with `#`: it is then quoted.
         let out = ::csv::WriterBuilder::new().comment(Some(b'#')).from_writer(out);
         Self { out, joints, names: UniqueNames::default(), timed: None }
-    }
-
-    /// Starts a touch; a number is appended to a name that was used before.
-    pub fn touch(&mut self, name: &str) {
-        self.names.start(name);
-    }
-
-    /// Writes a sample of the touch that was started last.
-    ///
-    /// # Errors
-    ///
-    /// If it cannot be written, or differs from the first sample in the number of joints or in
-    /// having a time.
-    pub fn sample(&mut self, sample: &Sample) -> io::Result<()> {
-        let timed = match self.timed {
-            Some(timed) => timed,
-            None => self.header(sample)?,
-        };
-        if timed != sample.time_s.is_some() {
-            return Err(refused("only one of it and the first sample has a time"));
-        }
-        let mut row = vec![self.names.latest().to_owned()];
-        row.extend(sample.time_s.map(|time_s| time_s.to_string()));
-        row.extend(sample.q.iter().chain(&sample.tau).map(ToString::to_string));
-        Ok(self.out.write_record(&row)?)
-    }
-
-    /// Writes the remaining rows.
-    ///
-    /// # Errors
-    ///
-    /// If they cannot be written.
-    pub fn finish(mut self) -> io::Result<()> {
-        self.out.flush()
     }
 
     fn header(&mut self, sample: &Sample) -> io::Result<bool> {
@@ -89,6 +81,31 @@ impl<W: Write> TableWriter<W> {
         self.out.write_record(&row)?;
         self.timed = Some(timed);
         Ok(timed)
+    }
+}
+
+impl<W: Write> TouchWriter for TableWriter<W> {
+    fn touch(&mut self, name: &str) -> io::Result<()> {
+        self.names.start(name);
+        Ok(())
+    }
+
+    fn sample(&mut self, sample: &Sample) -> io::Result<()> {
+        let timed = match self.timed {
+            Some(timed) => timed,
+            None => self.header(sample)?,
+        };
+        if timed != sample.time_s.is_some() {
+            return Err(refused("only one of it and the first sample has a time"));
+        }
+        let mut row = vec![self.names.latest().to_owned()];
+        row.extend(sample.time_s.map(|time_s| time_s.to_string()));
+        row.extend(sample.q.iter().chain(&sample.tau).map(ToString::to_string));
+        Ok(self.out.write_record(&row)?)
+    }
+
+    fn finish(mut self) -> io::Result<()> {
+        self.out.flush()
     }
 }
 
@@ -122,12 +139,13 @@ impl ArraysWriter {
         })
     }
 
-    /// Starts a touch.
-    ///
-    /// # Errors
-    ///
-    /// If its folder cannot be created, or the previous touch cannot be completed.
-    pub fn touch(&mut self, name: &str) -> io::Result<()> {
+    fn end_touch(&mut self) -> io::Result<()> {
+        self.touch.take().map_or(Ok(()), Touch::finish)
+    }
+}
+
+impl TouchWriter for ArraysWriter {
+    fn touch(&mut self, name: &str) -> io::Result<()> {
         self.end_touch()?;
         let plain: String = name
             .chars()
@@ -142,23 +160,12 @@ impl ArraysWriter {
         Ok(())
     }
 
-    /// Writes a sample of the touch that was started last.
-    ///
-    /// # Errors
-    ///
-    /// If it cannot be written, or differs from the first sample of the touch in the number of
-    /// joints or in having a time.
-    pub fn sample(&mut self, sample: &Sample) -> io::Result<()> {
+    fn sample(&mut self, sample: &Sample) -> io::Result<()> {
         let touch = self.touch.as_mut().ok_or_else(|| refused("no touch was started for it"))?;
         touch.sample(sample)
     }
 
-    /// Completes the folder and renames it to its final name.
-    ///
-    /// # Errors
-    ///
-    /// If the last touch cannot be completed, or the folder cannot be renamed.
-    pub fn finish(mut self) -> io::Result<()> {
+    fn finish(mut self) -> io::Result<()> {
         self.end_touch()?;
         let names = self.names.given();
         if !names.is_sorted_by(|a, b| folder::compare(a, b).is_lt()) {
@@ -169,10 +176,6 @@ impl ArraysWriter {
             }
         }
         fs::rename(self.hidden.keep(), &self.target)
-    }
-
-    fn end_touch(&mut self) -> io::Result<()> {
-        self.touch.take().map_or(Ok(()), Touch::finish)
     }
 }
 

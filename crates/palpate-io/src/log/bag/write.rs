@@ -22,6 +22,7 @@ use serde::Deserialize;
 use super::reading::{HEADER, joint_state};
 use super::topic::TOUCH_TOPIC;
 use crate::field::FieldFile;
+use crate::log::write::TouchWriter;
 
 /// Compression of the chunks of a bag.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
@@ -127,8 +128,8 @@ impl<W: Write + Seek> Bag<W> {
     }
 }
 
-/// Writes touches, one sample after another.
-pub struct TouchWriter<W: Write + Seek> {
+/// Writes touches as a bag; the marker of a touch is written with its first sample.
+pub struct BagWriter<W: Write + Seek> {
     bag: Bag<W>,
     joints: Vec<String>,
     samples: u16,
@@ -141,7 +142,7 @@ pub struct TouchWriter<W: Write + Seek> {
     name: String,
 }
 
-impl<W: Write + Seek> TouchWriter<W> {
+impl<W: Write + Seek> BagWriter<W> {
     /// Starts a bag for samples of these joints.
     ///
     /// # Errors
@@ -159,19 +160,27 @@ impl<W: Write + Seek> TouchWriter<W> {
         Ok(Self { bag, joints, samples, markers, latest_ns: 0, shift_ns, name })
     }
 
-    /// Starts a touch; its marker is written with its first sample.
-    pub fn touch(&mut self, name: &str) {
+    fn joint_state(&self, time_ns: i64, sample: &Sample) -> Vec<u8> {
+        message(|out| {
+            header(out, time_ns, "");
+            out.write_sequence_length(self.joints.len());
+            self.joints.iter().for_each(|joint| out.write_string(joint));
+            for values in [&sample.q[..], &[], &sample.tau[..]] {
+                out.write_sequence_length(values.len());
+                values.iter().for_each(|&value| out.write_f64(value));
+            }
+        })
+    }
+}
+
+impl<W: Write + Seek> TouchWriter for BagWriter<W> {
+    fn touch(&mut self, name: &str) -> io::Result<()> {
         name.clone_into(&mut self.name);
         self.shift_ns = None;
+        Ok(())
     }
 
-    /// Writes a sample of the touch that was started last.
-    ///
-    /// # Errors
-    ///
-    /// If it cannot be written, does not have one position and one torque per joint, or has a time
-    /// that a header cannot represent.
-    pub fn sample(&mut self, sample: &Sample) -> io::Result<()> {
+    fn sample(&mut self, sample: &Sample) -> io::Result<()> {
         let joints = self.joints.len();
         if sample.q.len() != joints || sample.tau.len() != joints {
             let (q, tau) = (sample.q.len(), sample.tau.len());
@@ -201,31 +210,14 @@ impl<W: Write + Seek> TouchWriter<W> {
         self.bag.put(self.samples, recorded_ns, &message)
     }
 
-    /// Ends the bag.
-    ///
-    /// # Errors
-    ///
-    /// If the end cannot be written.
-    pub fn finish(self) -> io::Result<()> {
+    fn finish(self) -> io::Result<()> {
         self.bag.finish()
-    }
-
-    fn joint_state(&self, time_ns: i64, sample: &Sample) -> Vec<u8> {
-        message(|out| {
-            header(out, time_ns, "");
-            out.write_sequence_length(self.joints.len());
-            self.joints.iter().for_each(|joint| out.write_string(joint));
-            for values in [&sample.q[..], &[], &sample.tau[..]] {
-                out.write_sequence_length(values.len());
-                values.iter().for_each(|&value| out.write_f64(value));
-            }
-        })
     }
 }
 
 /// Writes external torques with their standard deviations, one sample after another: [`crate::torques`].
 pub(crate) struct TorqueWriter<W: Write + Seek> {
-    torques: TouchWriter<W>,
+    torques: BagWriter<W>,
     stds: u16,
     touched: u16,
 }
@@ -238,7 +230,7 @@ impl<W: Write + Seek> TorqueWriter<W> {
     /// If the first records cannot be written.
     pub(crate) fn new(out: W, joints: Vec<String>) -> io::Result<Self> {
         let topic = "/palpate/external_torque";
-        let mut torques = TouchWriter::on(topic, out, joints, Compression::default())?;
+        let mut torques = BagWriter::on(topic, out, joints, Compression::default())?;
         let array = [ARRAY, ARRAY_LAYOUT].concat();
         let kind = "std_msgs/msg/Float64MultiArray";
         let stds = torques.bag.channel("/palpate/external_torque_std", kind, &array)?;
@@ -248,8 +240,12 @@ impl<W: Write + Seek> TorqueWriter<W> {
     }
 
     /// Starts a touch.
-    pub(crate) fn touch(&mut self, name: &str) {
-        self.torques.touch(name);
+    ///
+    /// # Errors
+    ///
+    /// As [`TouchWriter::touch`].
+    pub(crate) fn touch(&mut self, name: &str) -> io::Result<()> {
+        self.torques.touch(name)
     }
 
     /// Writes a sample: time, positions and external torques; their standard deviations, N·m; whether a contact is
