@@ -6,26 +6,15 @@
 //! the tare are timed.
 #![allow(missing_docs, clippy::unwrap_used)] // criterion's macro generates undocumented functions
 
-use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use palpate::{EstimatorKind, Mapper, MapperConfig, Sample};
-use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, load_arm};
 
-fn touches() -> Vec<Vec<Sample>> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
-    let mut touches: Vec<Vec<Sample>> = Vec::new();
-    for event in log::open(&folder, &LogOptions::default()).unwrap() {
-        match event.unwrap() {
-            LogEvent::TouchStarts { .. } => touches.push(Vec::new()),
-            LogEvent::Sample(sample) => touches.last_mut().unwrap().push(sample),
-        }
-    }
-    touches
-}
+#[path = "../tests/common/mod.rs"]
+mod common;
 
 /// A mapper that learns the same touches repeatedly.
 struct Running {
@@ -39,7 +28,9 @@ impl Running {
     fn new(method: EstimatorKind) -> Self {
         let arm = load_arm("kinova_gen3", &ArmOptions::default()).unwrap().arm;
         let mapper = Mapper::new(Arc::new(arm), MapperConfig::of(method)).unwrap();
-        let mut running = Self { mapper, touches: touches(), at: (0, 0), steps: Vec::new() };
+        let touches = common::touches(&common::plant());
+        let touches = touches.into_iter().map(|(_, samples)| samples).collect();
+        let mut running = Self { mapper, touches, at: (0, 0), steps: Vec::new() };
         let last = running.touches.len() - 1;
         while running.at.0 < last {
             running.step();

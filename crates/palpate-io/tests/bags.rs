@@ -1,6 +1,8 @@
 //! Bags of ROS 2: samples that are read back, and errors and warnings for defective bags.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
+mod common;
+
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -11,6 +13,8 @@ use palpate_io::log::write::TouchWriter;
 use palpate_io::log::{self, LogEvent, LogFormat, LogOptions, LogWarning, Sample};
 use re_cdr::{CdrWriter, LittleEndian};
 use tempfile::TempDir;
+
+use common::refused;
 
 const JOINT_STATE: &str = "std_msgs/Header header\nstring[] name\nfloat64[] position\n\
     float64[] velocity\nfloat64[] effort\n===\nMSG: std_msgs/Header\n\
@@ -99,14 +103,6 @@ fn read(path: &Path, options: &LogOptions) -> Result<(Vec<LogEvent>, Vec<LogWarn
     let events: Result<Vec<_>, _> = log.by_ref().collect();
     let events = events.map_err(|error| error.to_string())?;
     Ok((events, log.warnings().to_vec()))
-}
-
-#[track_caller]
-fn refused(path: &Path, options: &LogOptions, words: &[&str]) {
-    let error = read(path, options).expect_err("it must be refused");
-    for word in words {
-        assert!(error.contains(word), "`{word}` is not in: {error}");
-    }
 }
 
 fn samples(events: &[LogEvent]) -> Vec<Sample> {
@@ -299,12 +295,8 @@ fn touches_get_different_names_whatever_the_markers_say() {
         bag.sample(&sample(1)).unwrap();
     }
     bag.finish().unwrap();
-    let (events, _) = read(&path, &LogOptions::default()).unwrap();
-    let starts = events.iter().filter_map(|event| match event {
-        LogEvent::TouchStarts { name, .. } => Some(name.as_str()),
-        LogEvent::Sample(_) => None,
-    });
-    assert_eq!(starts.collect::<Vec<_>>(), ["push_2", "push", "push_3"]);
+    let read: Vec<String> = common::touches(&path).into_iter().map(|(name, _)| name).collect();
+    assert_eq!(read, ["push_2", "push", "push_3"]);
 }
 
 #[test]

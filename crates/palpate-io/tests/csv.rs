@@ -1,11 +1,11 @@
 //! Logs as tables: supported variants, and errors for defects.
 #![allow(missing_docs, clippy::unwrap_used)]
 
-use palpate_io::log::{
-    AngleUnit, CsvColumns, LogError, LogEvent, LogOptions, LogWarning, Sample, open,
-};
+mod common;
+
+use common::events as read_as;
+use palpate_io::log::{AngleUnit, CsvColumns, LogEvent, LogOptions, LogWarning, Sample, open};
 use std::fs;
-use std::path::Path;
 use tempfile::TempDir;
 
 fn folder_with(files: &[(&str, &str)]) -> TempDir {
@@ -16,14 +16,10 @@ fn folder_with(files: &[(&str, &str)]) -> TempDir {
     folder
 }
 
-fn read_as(path: &Path, options: &LogOptions) -> Result<Vec<LogEvent>, LogError> {
-    open(path, options)?.collect()
-}
-
 /// Events of one table, or its error message.
 fn read(text: &str) -> Result<Vec<LogEvent>, String> {
     let folder = folder_with(&[("push.csv", text)]);
-    read_as(&folder.path().join("push.csv"), &LogOptions::default()).map_err(|e| e.to_string())
+    read_as(&folder.path().join("push.csv"), &LogOptions::default())
 }
 
 fn start(name: &str, joints: Option<&[&str]>) -> LogEvent {
@@ -142,7 +138,7 @@ fn a_folder_is_read_in_natural_order_with_a_touch_per_file() {
     assert_eq!((&events[0], &events[2]), (&start("r9", None), &start("r10", None)));
 
     fs::write(folder.path().join("r11.csv"), "q1,q2,tau1,tau2\n0,0,0,0\n").unwrap();
-    let error = read_as(folder.path(), &LogOptions::default()).unwrap_err().to_string();
+    let error = read_as(folder.path(), &LogOptions::default()).unwrap_err();
     assert!(error.contains("r11.csv") && error.contains("has 1 joints"), "{error}");
 }
 
@@ -175,7 +171,7 @@ fn a_map_names_the_columns_and_degrees_are_turned() {
     let by_name = LogOptions { angle_unit: None, ..options.clone() };
     assert_eq!(read_as(&folder.path().join("push.csv"), &by_name).unwrap(), wanted);
     let rad = LogOptions { angle_unit: Some(AngleUnit::Rad), ..options };
-    let error = read_as(&folder.path().join("push.csv"), &rad).unwrap_err().to_string();
+    let error = read_as(&folder.path().join("push.csv"), &rad).unwrap_err();
     assert!(error.contains("`a [deg]` contradicts"), "{error}");
 }
 
@@ -195,7 +191,7 @@ fn a_table_without_a_header_is_read_by_the_numbers_of_its_columns() {
     let wanted =
         [start("push", None), sample(Some(0.5), &[2.0], &[1.0]), sample(Some(0.6), &[5.0], &[4.0])];
     assert_eq!(events, wanted);
-    let error = read_as(&table, &named(columns(&["3"], &["5"]))).unwrap_err().to_string();
+    let error = read_as(&table, &named(columns(&["3"], &["5"]))).unwrap_err();
     assert!(error.contains("no column `5`"), "{error}");
 
     fs::write(&table, "1970-01-01 00:00:00.5,1,2,3\n").unwrap();

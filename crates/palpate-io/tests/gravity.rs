@@ -4,11 +4,12 @@
 //! Runs on the bundled set, and on every set of the folder in `PALPATE_DATA` if that is given.
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
-use std::path::{Path, PathBuf};
+mod common;
+
+use std::path::Path;
 
 use nalgebra::DVector;
-use palpate::Robot;
-use palpate_io::log::{self, LogEvent};
+use palpate::{Robot, Sample};
 use serde::Deserialize;
 
 #[derive(Deserialize)]
@@ -29,38 +30,22 @@ struct TouchMeta {
     bias_Nm: Vec<f64>,
 }
 
-/// Folders of touches whose metadata contains noise and bias of the sensors.
-fn sets() -> Vec<PathBuf> {
-    let mut sets = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a")];
-    if let Some(folder) = std::env::var_os("PALPATE_DATA") {
-        let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-        sets.extend(entries.filter(|path| path.join("meta.json").is_file()));
-    }
-    sets
-}
-
 /// Measured torque minus gravity torque in the first frames of every touch, N·m.
 fn at_rest(robot: &Robot, set: &Path, frames: usize) -> Vec<Vec<DVector<f64>>> {
-    let mut touches: Vec<Vec<DVector<f64>>> = Vec::new();
-    for event in log::open(set, &log::LogOptions::default()).unwrap() {
-        match event.unwrap() {
-            LogEvent::TouchStarts { .. } => touches.push(Vec::new()),
-            LogEvent::Sample(sample) => {
-                let touch = touches.last_mut().unwrap();
-                if touch.len() < frames {
-                    let gravity = robot.gravity_torque(&robot.forward(&sample.q).unwrap());
-                    touch.push(DVector::from_vec(sample.tau) - gravity);
-                }
-            }
-        }
-    }
+    let less_gravity = |sample: Sample| {
+        let gravity = robot.gravity_torque(&robot.forward(&sample.q).unwrap());
+        DVector::from_vec(sample.tau) - gravity
+    };
+    let touches = common::touches(set).into_iter();
     touches
+        .map(|(_, samples)| samples.into_iter().take(frames).map(less_gravity).collect())
+        .collect()
 }
 
 #[test]
 fn at_rest_measured_less_gravity_is_the_noise_and_bias_of_the_sensors() {
     let robot = Robot::built_in("kinova_gen3").unwrap();
-    for set in sets() {
+    for set in common::sets("meta.json") {
         let meta = std::fs::read_to_string(set.join("meta.json")).unwrap();
         let meta: Meta = serde_json::from_str(&meta).unwrap();
         let still = meta.conventions.contact_free_start_frames;

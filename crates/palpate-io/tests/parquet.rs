@@ -1,6 +1,8 @@
 //! Parquet: lists as in LeRobot, and one column per joint.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
+mod common;
+
 use std::fs::{self, File};
 use std::ops::Range;
 use std::path::Path;
@@ -88,16 +90,12 @@ fn footer_of(bytes: &[u8]) -> Range<usize> {
 }
 
 fn read(path: &Path) -> Result<Vec<LogEvent>, String> {
-    let log = log::open(path, &LogOptions::default()).map_err(|error| error.to_string())?;
-    log.collect::<Result<_, _>>().map_err(|error| error.to_string())
+    common::events(path, &LogOptions::default())
 }
 
 #[track_caller]
 fn refused(path: &Path, words: &[&str]) {
-    let error = read(path).expect_err("it must be refused");
-    for word in words {
-        assert!(error.contains(word), "`{word}` is not in: {error}");
-    }
+    common::refused(path, &LogOptions::default(), words);
 }
 
 #[test]

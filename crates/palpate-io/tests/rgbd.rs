@@ -4,9 +4,13 @@
 //! `object.ply` holds one point for each pixel of the object, rounded to single precision.
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
+mod common;
+
 use nalgebra::Point3;
 use palpate_io::cloud;
-use palpate_io::rgbd::{self, BackProjection, BackProjectionConfig, Camera, DepthImage};
+use palpate_io::rgbd::{
+    self, BackProjection, BackProjectionConfig, Camera, ColourImage, DepthImage,
+};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::collections::{HashMap, HashSet};
@@ -14,19 +18,18 @@ use std::path::{Path, PathBuf};
 
 /// Folders with images and a cloud of the object.
 fn sets() -> Vec<PathBuf> {
-    let mut sets = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a")];
-    if let Some(folder) = std::env::var_os("PALPATE_DATA") {
-        let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-        sets.extend(entries.filter(|path| path.join("rgbd/camera.json").is_file()));
-    }
-    sets
+    common::sets("rgbd/camera.json")
 }
 
-fn seen(set: &Path, config: &BackProjectionConfig) -> (Camera, BackProjection) {
+fn images(set: &Path) -> (Camera, ColourImage, DepthImage) {
     let rgbd = set.join("rgbd");
     let camera = rgbd::read_camera(&rgbd.join("camera.json")).unwrap().at(None).unwrap();
     let colour = rgbd::read_colour(&rgbd.join("color.png")).unwrap();
-    let depth = rgbd::read_depth(&rgbd.join("depth.png"), 0.001).unwrap();
+    (camera, colour, rgbd::read_depth(&rgbd.join("depth.png"), 0.001).unwrap())
+}
+
+fn seen(set: &Path, config: &BackProjectionConfig) -> (Camera, BackProjection) {
+    let (camera, colour, depth) = images(set);
     (camera, rgbd::back_project(&colour, &depth, &camera, config).unwrap())
 }
 
@@ -111,10 +114,7 @@ fn with_mixed_edges(depth: &DepthImage) -> (DepthImage, Vec<[u32; 2]>) {
 
 #[test]
 fn of_depths_mixed_at_edges_nearly_all_are_dropped_and_little_else() {
-    let rgbd = sets()[0].join("rgbd");
-    let camera = rgbd::read_camera(&rgbd.join("camera.json")).unwrap().at(None).unwrap();
-    let colour = rgbd::read_colour(&rgbd.join("color.png")).unwrap();
-    let depth = rgbd::read_depth(&rgbd.join("depth.png"), 0.001).unwrap();
+    let (camera, colour, depth) = images(&sets()[0]);
     let (depth, mixed) = with_mixed_edges(&depth);
     let seen =
         rgbd::back_project(&colour, &depth, &camera, &BackProjectionConfig::default()).unwrap();

@@ -2,8 +2,9 @@
 //! for clouds, arrays and headers are beside their writers.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
+mod common;
+
 use std::fs::File;
-use std::path::Path;
 use std::sync::Arc;
 
 use palpate::unstable::{ElasticBody, ElasticModel, ElasticVariant, Segment, SegmentKind};
@@ -11,9 +12,9 @@ use palpate::{CellId, EstimatorKind, Field, MapperConfig};
 use palpate_io::body;
 use palpate_io::field::npz::{Array, Data, read_npz, write_npz};
 use palpate_io::field::{FieldFile, FieldLattice, SavedField, from_bytes, load, save, to_bytes};
+use palpate_io::log::Sample;
 use palpate_io::log::bag_write::{BagWriter, Compression};
 use palpate_io::log::write::{ArraysWriter, TableWriter, TouchWriter};
-use palpate_io::log::{self, LogEvent, LogOptions, Sample};
 use proptest::prelude::*;
 
 /// Touches with their names.
@@ -46,17 +47,6 @@ fn touches(name: &'static str) -> impl Strategy<Value = Touches> {
 /// Converts ns to s as the reader of bags does.
 fn seconds(ns: u64) -> f64 {
     (ns / 1_000_000_000) as f64 + (ns % 1_000_000_000) as f64 * 1e-9
-}
-
-fn read(path: &Path) -> Touches {
-    let mut touches = Touches::new();
-    for event in log::open(path, &LogOptions::default()).unwrap() {
-        match event.unwrap() {
-            LogEvent::TouchStarts { name, .. } => touches.push((name, Vec::new())),
-            LogEvent::Sample(sample) => touches.last_mut().unwrap().1.push(sample),
-        }
-    }
-    touches
 }
 
 fn write(mut out: impl TouchWriter, touches: &Touches) {
@@ -118,7 +108,7 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("log.csv");
         write(TableWriter::new(File::create(&path).unwrap(), None), &written);
-        let found = read(&path);
+        let found = common::touches(&path);
         prop_assert_eq!(bits(&found), bits(&written));
         prop_assert_eq!(names_of(&found), unique(&written));
     }
@@ -130,7 +120,7 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("log");
         write(ArraysWriter::new(&path).unwrap(), &written);
-        let found = read(&path);
+        let found = common::touches(&path);
         prop_assert_eq!(bits(&found), bits(&written));
         prop_assert_eq!(found.len(), written.len());
     }
@@ -144,7 +134,7 @@ proptest! {
         let path = folder.path().join("log.mcap");
         let joints = (0..written[0].1[0].q.len()).map(|joint| format!("j{joint}")).collect();
         write(BagWriter::new(File::create(&path).unwrap(), joints, compression).unwrap(), &written);
-        let found = read(&path);
+        let found = common::touches(&path);
         prop_assert_eq!(bits(&found), bits(&written));
         prop_assert_eq!(names_of(&found), unique(&written));
     }
