@@ -1,6 +1,8 @@
 //! Mapping that is saved, loaded and continued gives the same field as mapping without interruption.
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
+mod common;
+
 use std::path::Path;
 use std::sync::Arc;
 
@@ -9,24 +11,14 @@ use palpate::{
     Mapper, MapperConfig, Predictor, Robot, Sample,
 };
 use palpate_io::field::{SavedField, load, npz, save};
-use palpate_io::log::{self, LogEvent};
 
 /// The first touches of the bundled set, with fewer samples after the still start.
 fn touches(count: usize) -> Vec<Vec<Sample>> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
-    let mut touches: Vec<Vec<Sample>> = Vec::new();
-    for event in log::open(&folder, &log::LogOptions::default()).unwrap() {
-        match event.unwrap() {
-            LogEvent::TouchStarts { .. } if touches.len() == count => break,
-            LogEvent::TouchStarts { .. } => touches.push(Vec::new()),
-            LogEvent::Sample(sample) => touches.last_mut().unwrap().push(sample),
-        }
-    }
-    for touch in &mut touches {
-        let kept = touch.iter().enumerate().filter(|(n, _)| *n < 10 || n % 20 == 0);
-        *touch = kept.map(|(_, sample)| sample.clone()).collect();
-    }
-    touches
+    let thinned = |(_, samples): (String, Vec<Sample>)| {
+        let kept = samples.into_iter().enumerate().filter(|(n, _)| *n < 10 || n % 20 == 0);
+        kept.map(|(_, sample)| sample).collect()
+    };
+    common::touches(&common::plant()).into_iter().take(count).map(thinned).collect()
 }
 
 fn arm() -> Arc<Arm> {
@@ -48,6 +40,20 @@ fn go_on(mapper: &mut Mapper, samples: &[Sample]) {
     for sample in samples {
         mapper.step(sample).unwrap();
     }
+}
+
+/// Learns a touch from its begin to its end.
+fn learn(mapper: &mut Mapper, samples: &[Sample]) {
+    mapper.begin_touch();
+    go_on(mapper, samples);
+    mapper.end_touch().unwrap();
+}
+
+/// A mapper that has learnt these touches.
+fn learnt(arm: &Arc<Arm>, config: MapperConfig, touches: &[Vec<Sample>]) -> Mapper {
+    let mut mapper = Mapper::new(Arc::clone(arm), config).unwrap();
+    touches.iter().for_each(|samples| learn(&mut mapper, samples));
+    mapper
 }
 
 fn through_a_file(mapper: Mapper, arm: &Arc<Arm>) -> Mapper {
@@ -178,16 +184,10 @@ fn assert_equal_to_uninterrupted_mapping(prior: &[(CellId, f64)], touches: &[Vec
         config.touch.identified = touches.iter().flatten().any(|sample| sample.tau_std.is_some());
         let new = || Mapper::with_prior(Arc::clone(&arm), config.clone(), prior).unwrap();
         let mut whole = new();
-        for touch in touches {
-            whole.begin_touch();
-            go_on(&mut whole, touch);
-            whole.end_touch().unwrap();
-        }
+        touches.iter().for_each(|touch| learn(&mut whole, touch));
 
         let mut broken = new();
-        broken.begin_touch();
-        go_on(&mut broken, &touches[0]);
-        broken.end_touch().unwrap();
+        learn(&mut broken, &touches[0]);
         broken = through_a_file(broken, &arm); // between touches
         broken.begin_touch();
         let (before, after) = touches[1].split_at(touches[1].len() / 2);
@@ -195,9 +195,7 @@ fn assert_equal_to_uninterrupted_mapping(prior: &[(CellId, f64)], touches: &[Vec
         broken = through_a_file(broken, &arm); // and in the middle of one
         go_on(&mut broken, after);
         broken.end_touch().unwrap();
-        broken.begin_touch();
-        go_on(&mut broken, &touches[2]);
-        broken.end_touch().unwrap();
+        learn(&mut broken, &touches[2]);
 
         assert_eq!(whole.prior_n_per_m(), broken.prior_n_per_m());
         assert_eq!(whole.prior_means_n_per_m(), broken.prior_means_n_per_m());
@@ -223,10 +221,7 @@ fn a_file_that_promises_a_prior_and_lacks_it_is_refused() {
 fn a_field_file_of_format_1_loads_and_continues_as_one_of_format_2() {
     let (arm, touches) = (arm(), touches(2));
     for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
-        let mut mapper = Mapper::new(Arc::clone(&arm), config(method)).unwrap();
-        mapper.begin_touch();
-        go_on(&mut mapper, &touches[0]);
-        mapper.end_touch().unwrap();
+        let mut mapper = learnt(&arm, config(method), &touches[..1]);
         mapper.begin_touch();
         let (before, after) = touches[1].split_at(touches[1].len() / 2);
         go_on(&mut mapper, before);
@@ -282,14 +277,9 @@ fn write_format_1(new: &Path, old: &Path, frames: usize) {
 
 #[test]
 fn a_touch_numbered_below_zero_or_beyond_32_bits_is_refused_with_its_row() {
-    let (folder, arm, touches) = (tempfile::tempdir().unwrap(), arm(), touches(2));
+    let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("field.npz");
-    let mut mapper = Mapper::new(arm, config(EstimatorKind::Map)).unwrap();
-    for touch in &touches {
-        mapper.begin_touch();
-        go_on(&mut mapper, touch);
-        mapper.end_touch().unwrap();
-    }
+    let mapper = learnt(&arm(), config(EstimatorKind::Map), &touches(2));
     save(&path, &SavedField::of_mapper(&mapper)).unwrap();
     let whole = npz::read_npz(&path).unwrap();
     let rows = whole.require("log_touch").unwrap().shape()[0];
@@ -310,10 +300,7 @@ fn a_touch_numbered_below_zero_or_beyond_32_bits_is_refused_with_its_row() {
 fn a_state_whose_prediction_could_not_be_finite_is_refused_with_its_number() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("field.npz");
-    let mut mapper = Mapper::new(arm(), config(EstimatorKind::Map)).unwrap();
-    mapper.begin_touch();
-    go_on(&mut mapper, &touches(1)[0]);
-    mapper.end_touch().unwrap();
+    let mapper = learnt(&arm(), config(EstimatorKind::Map), &touches(1));
     save(&path, &SavedField::of_mapper(&mapper)).unwrap();
     let whole = npz::read_npz(&path).unwrap();
     for name in ["state_mean", "state_variance", "memory_alpha"] {
@@ -355,9 +342,7 @@ fn a_sample_log_that_outgrows_its_bound_condenses_old_touches_and_can_still_be_c
     config.estimator.memory.bytes = 40 * sample; // less than two touches, more than one
     let mut mapper = Mapper::new(Arc::clone(&arm), config.clone()).unwrap();
     for touch in &touches {
-        mapper.begin_touch();
-        go_on(&mut mapper, touch);
-        mapper.end_touch().unwrap();
+        learn(&mut mapper, touch);
         let bytes = mapper.memory().1;
         assert!(bytes <= 2 * config.estimator.memory.bytes, "{bytes} bytes held");
     }
@@ -379,10 +364,7 @@ fn a_sample_log_that_outgrows_its_bound_condenses_old_touches_and_can_still_be_c
 #[test]
 fn a_mapper_saved_between_touches_waits_for_the_next_one_to_begin() {
     let (arm, touches) = (arm(), touches(1));
-    let mut mapper = Mapper::new(Arc::clone(&arm), config(EstimatorKind::Map)).unwrap();
-    mapper.begin_touch();
-    go_on(&mut mapper, &touches[0]);
-    mapper.end_touch().unwrap();
+    let mapper = learnt(&arm, config(EstimatorKind::Map), &touches);
     let mut continued = Mapper::resume(arm, mapper.snapshot()).unwrap();
     let error = continued.step(&touches[0][0]).unwrap_err().to_string();
     assert!(error.contains("before a touch was begun"), "{error}");
@@ -392,19 +374,11 @@ fn a_mapper_saved_between_touches_waits_for_the_next_one_to_begin() {
 fn on_two_threads_the_field_is_the_same_to_the_bit_as_on_one() {
     let (arm, touches) = (arm(), touches(2));
     for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
-        let learn = || {
-            let mut mapper = Mapper::new(Arc::clone(&arm), config(method)).unwrap();
-            for touch in &touches {
-                mapper.begin_touch();
-                go_on(&mut mapper, touch);
-                mapper.end_touch().unwrap();
-            }
-            mapper.field()
-        };
+        let field = || learnt(&arm, config(method), &touches).field();
         let on = |threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let serial = on(1).install(learn);
-        assert_eq!(serial, on(2).install(learn), "{method:?}, in a pool");
-        assert_eq!(serial, learn(), "{method:?}, in the pool of all cores");
+        let serial = on(1).install(field);
+        assert_eq!(serial, on(2).install(field), "{method:?}, in a pool");
+        assert_eq!(serial, field(), "{method:?}, in the pool of all cores");
     }
 }
 
@@ -455,12 +429,7 @@ fn the_error_says_how_many_other_touches_would_be_lost() {
     let (arm, touches) = (arm(), touches(3));
     let mut config = config(EstimatorKind::Map);
     config.estimator.memory.frames = 1;
-    let mut mapper = Mapper::new(Arc::clone(&arm), config).unwrap();
-    for touch in &touches {
-        mapper.begin_touch();
-        go_on(&mut mapper, touch);
-        mapper.end_touch().unwrap();
-    }
+    let mut mapper = learnt(&arm, config, &touches);
     // During a touch, the previous touch may also have left the sample log.
     mapper.begin_touch();
     let snapshot = mapper.snapshot();
@@ -480,11 +449,7 @@ fn without_held_out_touches_bands_are_those_of_other_objects() {
         config.estimator.memory.frames = 10_000;
         let mut mapper = Mapper::new(Arc::clone(&arm), config.clone()).unwrap();
         assert_eq!(mapper.field().calibration, None);
-        for samples in &touches {
-            mapper.begin_touch();
-            go_on(&mut mapper, samples);
-            mapper.end_touch().unwrap();
-        }
+        touches.iter().for_each(|samples| learn(&mut mapper, samples));
         let (field, bands) = (mapper.field(), mapper.calibration().unwrap().clone());
         assert_eq!((bands.touches, bands.of_other_objects), (2, true));
         // A given calibration is unchanged until the first contact; its misfits are kept even after that.
@@ -495,9 +460,7 @@ fn without_held_out_touches_bands_are_those_of_other_objects() {
         go_on(&mut beside, &touches[0][..10]); // the still start
         beside.end_touch().unwrap_or_default();
         assert_eq!(beside.calibration(), Some(&given));
-        beside.begin_touch();
-        go_on(&mut beside, &touches[0]);
-        beside.end_touch().unwrap();
+        learn(&mut beside, &touches[0]);
         let after = beside.calibration().unwrap();
         assert_eq!((&after.misfits, after.touches), (&given.misfits, 1));
         // The bands follow from the errors on the learnt touches.
@@ -582,9 +545,7 @@ fn a_step_reports_the_band_that_a_predictor_has_at_the_same_field() {
         assert!(mapper.with_band(0.9).is_none());
         let mapper = Mapper::new(Arc::clone(&arm), config.clone()).unwrap();
         let mut mapper = mapper.with_calibration(Some(calibration.clone())).with_band(0.9).unwrap();
-        mapper.begin_touch();
-        go_on(&mut mapper, &touches[0]);
-        mapper.end_touch().unwrap();
+        learn(&mut mapper, &touches[0]);
         assert_eq!(mapper.calibration(), Some(&calibration), "its own bands stay");
         // Compared at the first frame with contacts of the next touch.
         let mut field = mapper.field();
