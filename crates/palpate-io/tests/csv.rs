@@ -229,13 +229,13 @@ fn every_defect_is_located() {
 }
 
 #[test]
-fn a_clock_that_runs_backwards_is_a_warning() {
-    let folder =
-        folder_with(&[("push.csv", "touch,t,q1,tau1\na,0,0,0\na,1,0,0\nb,0,0,0\nb,0,0,0\n")]);
+fn a_clock_that_stands_still_or_runs_backwards_is_one_warning_a_touch() {
+    let text = "touch,t,q1,tau1\na,0,0,0\na,1,0,0\nb,0,0,0\nb,0,0,0\nb,-1,0,0\n";
+    let folder = folder_with(&[("push.csv", text)]);
     let mut log = open(&folder.path().join("push.csv"), &LogOptions::default()).unwrap();
     assert!(log.by_ref().all(|event| event.is_ok()));
-    let [LogWarning::TimeNotIncreasing { touch, row, .. }] = log.warnings() else {
+    let [LogWarning::TimeNotIncreasing { touch, row, count, .. }] = log.warnings() else {
         panic!("a new touch may start a new clock: {:?}", log.warnings())
     };
-    assert_eq!((touch.as_str(), *row), ("b", 1));
+    assert_eq!((touch.as_str(), *row, *count), ("b", 1, 2));
 }

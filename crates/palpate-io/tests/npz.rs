@@ -76,12 +76,6 @@ fn what_we_write_reads_back_and_the_golden_too() {
 }
 
 #[test]
-fn the_prior_mean_is_saved_with_the_field() {
-    let expecting = FieldFile { prior: Some(vec![0.0, 2.5, 1.0]), ..field() };
-    assert_eq!(FieldFile::from_arrays(&expecting.to_arrays()).unwrap(), expecting);
-}
-
-#[test]
 fn the_same_arrays_give_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let bytes = ["a.npz", "b.npz"].map(|name| {

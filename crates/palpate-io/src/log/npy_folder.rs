@@ -237,7 +237,7 @@ impl Table {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{AngleUnit, LogEvent, LogWarning, open};
+    use super::super::{AngleUnit, LogEvent, open};
     use super::*;
     use crate::npy::write_header;
     use std::fs;
@@ -343,19 +343,6 @@ mod tests {
         assert!(error.contains("torques.npy") && error.contains("NaN"), "{error}");
         assert!(error.contains("row 1, column 1 (both counted from 0)"), "{error}");
         assert!(log.next().is_none());
-    }
-
-    #[test]
-    fn a_clock_that_stands_still_is_a_warning() {
-        let folder = tempfile::tempdir().unwrap();
-        touch(folder.path(), &[[0.0]; 4], &[[0.0]; 4]);
-        save(&folder.path().join("time.npy"), &[[0.0], [0.1], [0.1], [0.05]]);
-        let mut log = open(folder.path(), &LogOptions::default()).unwrap();
-        assert_eq!(log.by_ref().filter(Result::is_ok).count(), 5);
-        let [LogWarning::TimeNotIncreasing { row, count, .. }] = log.warnings() else {
-            panic!("one warning a touch: {:?}", log.warnings())
-        };
-        assert_eq!((*row, *count), (2, 2));
     }
 
     #[test]
