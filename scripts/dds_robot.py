@@ -130,14 +130,15 @@ class Receiver(threading.Thread):
             self.passed_ns[which].append(sent_ns)
 
 
-def watch_flag(domain, flags):
+def watch_flag(domain, flags, clock):
     """What a safety node does: waits for the flag to stop, in a process of its own; `flags` gets
-    (when, whether to stop), time in ns."""
+    (when, whether to stop), time by `clock`."""
     participant = DomainParticipant(domain)
     reader = DataReader(participant, Topic(participant, "rt/palpate/stop", Bool), RELIABLE)
     threading.Thread(target=end_with_parent, daemon=True).start()
     for message in reader.take_iter(timeout=duration(seconds=3600)):
-        flags.send((now_ns(), message.data))
+        if isinstance(message, Bool):  # else a writer that left
+            flags.send((clock(), message.data))
 
 
 def end_with_parent():
@@ -147,17 +148,17 @@ def end_with_parent():
 
 
 class Flag:
-    """The flag to stop, as the process that watches it has received it."""
+    """The flag to stop, as the process that watches it has received it; times are by `clock`, by default in ns."""
 
-    def __init__(self, domain):
+    def __init__(self, domain, clock=now_ns):
         spawn = multiprocessing.get_context("spawn")
         self.end, end_of_process = spawn.Pipe(duplex=False)
         self.received = []
-        self.process = spawn.Process(target=watch_flag, args=(domain, end_of_process), daemon=True)
+        self.process = spawn.Process(target=watch_flag, args=(domain, end_of_process, clock), daemon=True)
         self.process.start()
 
     def history(self):
-        """All of (when, whether to stop) so far, time in ns."""
+        """All of (when, whether to stop) so far."""
         while self.end.poll():
             self.received.append(self.end.recv())
         return self.received

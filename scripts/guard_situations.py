@@ -34,34 +34,14 @@ NAN = float("nan")
 PUSH = np.array([0, 300, 0, 0, 0, 0, 0], dtype=float)
 
 
-def watch(domain, pipe):
-    """What a watchdog sees, in a process of its own: (time, whether to stop) of every flag."""
-    participant = DomainParticipant(domain)
-    reader = dds.DataReader(participant, Topic(participant, "rt/palpate/stop", dds.Bool), dds.RELIABLE)
-    threading.Thread(target=dds.end_with_parent, daemon=True).start()
-    while True:
-        for message in reader.take_iter(timeout=dds.duration(milliseconds=5)):
-            if isinstance(message, dds.Bool):
-                pipe.send((time.monotonic(), message.data))
-
-
-class Watchdog:
+class Watchdog(dds.Flag):
     def __init__(self, domain):
-        spawn = multiprocessing.get_context("spawn")
-        self.end, theirs = spawn.Pipe(duplex=False)
-        self.process = spawn.Process(target=watch, args=(domain, theirs), daemon=True)
-        self.process.start()
-        self.flags = []
-
-    def seen(self):
-        while self.end.poll():
-            self.flags.append(self.end.recv())
-        return self.flags
+        super().__init__(domain, time.monotonic)
 
     def stops(self, until):
         """When it would hold the robot: intervals (from, to), up to a time."""
         holds, since, last = [], 0.0, None
-        for at, up in [*self.seen(), (until, True)]:
+        for at, up in [*self.history(), (until, True)]:
             silent = last is None or at - last > SILENCE_S
             if since is None and silent:
                 since = last + SILENCE_S
@@ -77,7 +57,7 @@ class Watchdog:
 
     def is_down(self):
         now = time.monotonic()
-        return not any(start <= now <= end for start, end in self.stops(now)) and bool(self.flags)
+        return not any(start <= now <= end for start, end in self.stops(now)) and bool(self.received)
 
 
 class Robot:
@@ -148,154 +128,46 @@ class Scene:
         self.watchdog.process.terminate()
 
 
-def now():
-    return time.monotonic()
+now = time.monotonic
 
 
-# Each returns since when the robot must be stopped, and until when.
+def load(scene):
+    return scene.robot.tau[100] + PUSH
 
 
-def pushed(scene, seconds=1.0, **how):
-    started = now()
-    scene.robot.hold(seconds, PUSH, at=100, **how)
-    return started, now()
+def pushed(scene, seconds=1.0, push=PUSH, **how):
+    scene.robot.hold(seconds, push, at=100, **how)
 
 
-def limit_passed(scene):
-    return pushed(scene)
-
-
-def all_efforts_nan(scene):
-    return pushed_with(scene, NAN * np.ones(7))
-
-
-def all_efforts_infinite(scene):
-    return pushed_with(scene, float("inf") * np.ones(7))
-
-
-def one_effort_nan_the_others_pushed(scene):
-    return pushed_with(scene, np.r_[NAN, scene.robot.tau[100][1:] + 300])
-
-
-def pushed_with(scene, tau, q=None):
+def sent(scene, tau, q=None, off=lambda s: 0.0):
+    """Sends torques, and positions if given, for a second; stamps are off by `off` (s after the begin), s."""
     started, robot = now(), scene.robot
-    while now() < started + 1:
-        robot.send(robot.q[100] if q is None else q, tau)
-    return started, now()
-
-
-def one_position_nan_and_pushed(scene):
-    return pushed_with(scene, scene.robot.tau[100] + PUSH, np.r_[NAN, scene.robot.q[100][1:]])
-
-
-def all_positions_nan(scene):
-    return pushed_with(scene, scene.robot.tau[100], NAN * np.ones(7))
-
-
-def stamp_repeats_and_pushed(scene):
-    return pushed(scene, stamp_ns=time.time_ns())
-
-
-def stamp_repeats(scene):
-    started = now()
-    scene.robot.hold(1.0, at=100, stamp_ns=time.time_ns())
-    return started, now()
+    while (since := now() - started) < 1:
+        robot.send(robot.q[100] if q is None else q, tau, stamp_ns=time.time_ns() + int(1e9 * off(since)))
 
 
 def one_stamp_ahead_then_pushed(scene):
     scene.robot.send(scene.robot.q[100], scene.robot.tau[100], stamp_ns=time.time_ns() + 990_000_000)
-    return pushed(scene)
-
-
-def clock_set(scene, off_s):
-    started, robot = now(), scene.robot
-    while now() < started + 1:
-        robot.send(robot.q[100], robot.tau[100] + PUSH, stamp_ns=time.time_ns() + int(off_s * 1e9))
-    return started, now()
-
-
-def clock_half_a_second_back_and_pushed(scene):
-    return clock_set(scene, -0.5)
-
-
-def clock_an_hour_back_and_pushed(scene):
-    return clock_set(scene, -3600)
-
-
-def clock_a_day_ahead_and_pushed(scene):
-    return clock_set(scene, 86400)
-
-
-def stamps_run_backwards_and_pushed(scene):
-    started, robot, ns = now(), scene.robot, time.time_ns()
-    while now() < started + 1:
-        robot.send(robot.q[100], robot.tau[100] + PUSH, stamp_ns=ns - int((now() - started) * 1e8))
-    return started, now()
-
-
-def joints_of_another_arm(scene):
-    return pushed(scene, names=[f"panda_joint{n}" for n in range(1, 8)])
-
-
-def no_efforts(scene):
-    return pushed_with(scene, [])
-
-
-def robot_falls_silent(scene):
     started = now()
-    time.sleep(1)
+    pushed(scene)
     return started, now()
 
 
 def robot_leaves(scene):
-    started, scene.robot.writer = now(), None
+    scene.robot.writer = None
     time.sleep(1)
-    return started, now()
 
 
 def signalled(scene, pid, signum):
-    started = now()
     os.kill(pid, signum)
     threading.Thread(target=scene.robot.hold, args=(1.0,), kwargs={"at": 100}, daemon=True).start()
     time.sleep(1)
-    return started, now()
-
-
-def palpate_is_killed(scene):
-    return signalled(scene, scene.palpate.pid, signal.SIGKILL)
-
-
-def palpate_gets_sigterm(scene):
-    return signalled(scene, scene.palpate.pid, signal.SIGTERM)
-
-
-def palpate_gets_ctrl_c(scene):
-    return signalled(scene, scene.palpate.pid, signal.SIGINT)
-
-
-def palpate_is_halted(scene):
-    return signalled(scene, scene.palpate.pid, signal.SIGSTOP)
 
 
 def network_process_is_killed(scene):
-    started, end = signalled(scene, scene.network_process(), signal.SIGKILL)
+    started = now()
+    signalled(scene, scene.network_process(), signal.SIGKILL)
     return started, started + 0.5  # another one is there soon
-
-
-def network_process_is_halted(scene):
-    return signalled(scene, scene.network_process(), signal.SIGSTOP)
-
-
-def loaded_and_moving_before_any_tare(scene):
-    started = now()
-    scene.robot.play(range(60, 260), PUSH)
-    return started, now()
-
-
-def loaded_and_still_before_any_tare(scene):
-    started = now()
-    scene.robot.hold(2.0, PUSH)
-    return started, now()
 
 
 def somebody_leans_on_the_still_arm_after_a_pause(scene):
@@ -307,81 +179,99 @@ def somebody_leans_on_the_still_arm_after_a_pause(scene):
 
 
 def a_tare_over_the_socket_while_pushed(scene):
-    started, _ = pushed(scene, 0.3)
+    pushed(scene, 0.3)
     scene.question('{"tare": true}')
     scene.robot.play(range(100, 250), PUSH)
     scene.robot.hold(1.2, PUSH, at=250)
-    return started, now()
 
 
 def the_load_goes_away_by_itself(scene):
-    started, _ = pushed(scene, 0.3)
+    pushed(scene, 0.3)
     scene.robot.hold(1.2, at=100)
-    return started, now()
 
 
 def a_gap_after_which_it_presses_elsewhere(scene):
-    started = now()
     time.sleep(1.3)
     q = scene.robot.q[100] + np.r_[0.3, np.zeros(6)]
     for _ in range(120):
         scene.robot.send(q, scene.robot.tau[100] + PUSH / 3)
-    return started, now()
 
 
 def another_robot_on_the_same_topic_while_pushed(scene):
     other, started = Robot(scene.args.set, scene.domain), now()
     for n in range(80):
-        scene.robot.send(scene.robot.q[100], scene.robot.tau[100] + PUSH)
+        scene.robot.send(scene.robot.q[100], load(scene))
         other.send(other.q[n] + 1, other.tau[n])
     return started, now()
 
 
 def joint_states_faster_than_it_can_map(scene):
-    robot, started = scene.robot, now()
     robot_sleep, time.sleep = time.sleep, lambda _: None
-    while now() < started + 1:
-        robot.send(robot.q[100], robot.tau[100] + PUSH)
+    sent(scene, load(scene))
     time.sleep = robot_sleep
-    return started, now()
 
 
-UNREADY = [loaded_and_moving_before_any_tare, loaded_and_still_before_any_tare]
-SITUATIONS = [
-    limit_passed, all_efforts_nan, all_efforts_infinite, one_effort_nan_the_others_pushed,
-    one_position_nan_and_pushed, all_positions_nan, stamp_repeats_and_pushed, stamp_repeats,
-    one_stamp_ahead_then_pushed, clock_half_a_second_back_and_pushed, clock_an_hour_back_and_pushed,
-    clock_a_day_ahead_and_pushed, stamps_run_backwards_and_pushed, joints_of_another_arm, no_efforts,
-    robot_falls_silent, robot_leaves, palpate_is_killed, palpate_gets_sigterm, palpate_gets_ctrl_c,
-    palpate_is_halted, network_process_is_killed, network_process_is_halted, *UNREADY,
-    somebody_leans_on_the_still_arm_after_a_pause, a_tare_over_the_socket_while_pushed,
-    the_load_goes_away_by_itself, a_gap_after_which_it_presses_elsewhere,
-    another_robot_on_the_same_topic_while_pushed, joint_states_faster_than_it_can_map,
-]  # fmt: skip
+UNREADY = {
+    "loaded_and_moving_before_any_tare": lambda s: s.robot.play(range(60, 260), PUSH),
+    "loaded_and_still_before_any_tare": lambda s: s.robot.hold(2.0, PUSH),
+}
+# Each plays for its time, and returns from when until when the flag must be up, if that is not all of it.
+SITUATIONS = {
+    "limit_passed": pushed,
+    "all_efforts_nan": lambda s: sent(s, NAN * np.ones(7)),
+    "all_efforts_infinite": lambda s: sent(s, float("inf") * np.ones(7)),
+    "one_effort_nan_the_others_pushed": lambda s: sent(s, np.r_[NAN, s.robot.tau[100][1:] + 300]),
+    "one_position_nan_and_pushed": lambda s: sent(s, load(s), np.r_[NAN, s.robot.q[100][1:]]),
+    "all_positions_nan": lambda s: sent(s, s.robot.tau[100], NAN * np.ones(7)),
+    "stamp_repeats_and_pushed": lambda s: pushed(s, stamp_ns=time.time_ns()),
+    "stamp_repeats": lambda s: pushed(s, push=0, stamp_ns=time.time_ns()),
+    "one_stamp_ahead_then_pushed": one_stamp_ahead_then_pushed,
+    "clock_half_a_second_back_and_pushed": lambda s: sent(s, load(s), off=lambda _: -0.5),
+    "clock_an_hour_back_and_pushed": lambda s: sent(s, load(s), off=lambda _: -3600),
+    "clock_a_day_ahead_and_pushed": lambda s: sent(s, load(s), off=lambda _: 86400),
+    "stamps_run_backwards_and_pushed": lambda s: sent(s, load(s), off=lambda since: -1.1 * since),
+    "joints_of_another_arm": lambda s: pushed(s, names=[f"panda_joint{n}" for n in range(1, 8)]),
+    "no_efforts": lambda s: sent(s, []),
+    "robot_falls_silent": lambda _: time.sleep(1),
+    "robot_leaves": robot_leaves,
+    "palpate_is_killed": lambda s: signalled(s, s.palpate.pid, signal.SIGKILL),
+    "palpate_gets_sigterm": lambda s: signalled(s, s.palpate.pid, signal.SIGTERM),
+    "palpate_gets_ctrl_c": lambda s: signalled(s, s.palpate.pid, signal.SIGINT),
+    "palpate_is_halted": lambda s: signalled(s, s.palpate.pid, signal.SIGSTOP),
+    "network_process_is_killed": network_process_is_killed,
+    "network_process_is_halted": lambda s: signalled(s, s.network_process(), signal.SIGSTOP),
+    **UNREADY,
+    **{own.__name__: own for own in (
+        somebody_leans_on_the_still_arm_after_a_pause, a_tare_over_the_socket_while_pushed,
+        the_load_goes_away_by_itself, a_gap_after_which_it_presses_elsewhere,
+        another_robot_on_the_same_topic_while_pushed, joint_states_faster_than_it_can_map,
+    )},
+}  # fmt: skip
 
 
-def run(situation, args, domain):
+def run(name, args, domain):
     """Plays a situation; again, at most twice, if the flag was up before it began, which shows nothing."""
     for again in range(3):
-        result = play(situation, args, domain + 40 * again)
+        result = play(name, args, domain + 40 * again)
         if not result["invalid"]:
             break
     return result
 
 
-def play(situation, args, domain):
+def play(name, args, domain):
     with tempfile.TemporaryDirectory() as folder:
-        scene = Scene(args, domain, Path(folder), ready=situation not in UNREADY)
+        scene = Scene(args, domain, Path(folder), ready=name not in UNREADY)
         scene.args, scene.domain = args, domain
         was_down = scene.watchdog.is_down()
-        should, until = situation(scene)
+        started = now()
+        should, until = SITUATIONS[name](scene) or (started, now())
         time.sleep(0.2)
         holds = scene.watchdog.stops(until)
-        flags = scene.watchdog.seen()
+        flags = scene.watchdog.history()
         changes = [(at, up) for (_, was), (at, up) in zip([(0, None), *flags], flags) if up != was]
         hold = next(((a, b) for a, b in holds if b > should), None)
         fails_open = hold is None or hold[1] < until
-        invalid = not (was_down or situation in UNREADY)
+        invalid = not (was_down or name in UNREADY)
         # What has raised the flag stays up until somebody resets it.
         ready = next((n for n, (_, up) in enumerate(changes) if not up), len(changes))
         falls = any(not up for _, up in changes[ready + 1 :])
@@ -389,7 +279,7 @@ def play(situation, args, domain):
         notes = [json.loads(line).get("note") for line in scene.log.read_text().splitlines() if line[:1] == "{"]
         scene.end()
     return {
-        "situation": situation.__name__, "invalid": invalid, "falls": falls, "stops_after_ms": after_ms and round(after_ms, 1),
+        "situation": name, "invalid": invalid, "falls": falls, "stops_after_ms": after_ms and round(after_ms, 1),
         "fails_open": fails_open, "flags": [(round((at - should) * 1e3), up) for at, up in changes],
         "notes": [note for note in notes if note and ("STOP" in note or "process" in note)],
     }
@@ -408,9 +298,9 @@ def main():
     for process in busy:
         process.start()
     results = []
-    for number, situation in enumerate(SITUATIONS):
-        if not only or situation.__name__ in only:
-            results.append(run(situation, args, args.domain + number))
+    for number, name in enumerate(SITUATIONS):
+        if not only or name in only:
+            results.append(run(name, args, args.domain + number))
             print(json.dumps(results[-1]), flush=True)
     after = [result["stops_after_ms"] for result in results if result["stops_after_ms"] is not None]
     names = {what: [result["situation"] for result in results if result[what]]

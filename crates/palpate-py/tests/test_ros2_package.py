@@ -135,18 +135,16 @@ def test_time_of_a_simulation_is_taken_where_it_is_asked_for() -> None:
 def test_the_service_is_laid_out_as_on_the_wire() -> None:
     """The fields of the service are those of the test's peer on CycloneDDS, which palpate understands."""
     peer = ast.parse((PACKAGE.parents[1] / "scripts/dds_messages.py").read_text())
-    classes = {node.name: node for node in peer.body if isinstance(node, ast.ClassDef)}
+    calls = (node for node in ast.walk(peer) if isinstance(node, ast.Call) and node.args)
+    found = next(call.args[1:] for call in calls if ast.unparse(call.args[0]) == "'palpate_ros/AskTrajectory'")
     text = (PACKAGE / "srv" / "AskTrajectory.srv").read_text()
-    for part, name in zip(text.split("---"), ("AskRequest", "AskResponse"), strict=True):
+    for part, of_peer in zip(text.split("---"), found, strict=True):
         fields = [line.split() for line in part.splitlines() if line and not line.startswith("#")]
         kinds = {"string": "str", "uint32[]": "sequence[uint32]", "trajectory_msgs/JointTrajectory": "JointTrajectory"}
         wanted = [(field, kinds.get(kind, kind)) for kind, field in fields]
-        found = [
-            (node.target.id, ast.unparse(node.annotation))
-            for node in classes[name].body
-            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
-        ]
-        assert found == [("client", "uint64"), ("number", "int64"), *wanted]
+        assert isinstance(of_peer, ast.Dict)
+        types = zip(of_peer.keys, of_peer.values, strict=True)
+        assert [(ast.literal_eval(name), ast.unparse(kind)) for name, kind in types if name] == wanted
 
 
 def test_the_package_has_the_version_and_the_dependencies_of_its_files() -> None:
