@@ -13,7 +13,6 @@ import argparse
 import json
 import os
 import random
-import re
 import socket
 import struct
 import sys
@@ -24,6 +23,7 @@ from pathlib import Path
 
 import dds_robot as dds
 from guard_situations import Scene
+from soak import memory_mib
 
 HEARTBEAT, GAP, DATA, DATA_FRAG = 0x07, 0x08, 0x15, 0x16
 EXTREMES = [0, 1, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 1 << 20, 1 << 28]
@@ -67,13 +67,6 @@ def ports(pid):
             address, port = fields[1].split(":")
             found.append((socket.inet_ntoa(bytes.fromhex(address)[::-1]), int(port, 16)))
     return found
-
-
-def memory_mib(pid, what="VmRSS"):
-    try:
-        return int(re.search(rf"{what}:\s+(\d+)", Path(f"/proc/{pid}/status").read_text())[1]) / 1024
-    except (OSError, TypeError):
-        return 0.0
 
 
 class Target:

@@ -32,7 +32,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
-import numpy as np
+from soak import children
 
 HERE = Path(__file__).parent
 WAYS = ("kill", "term", "full", "gone")
@@ -306,12 +306,6 @@ class Live:
 
     def end(self):
         self.robot.kill()
-
-
-def children(process):
-    """Processes that a process has started."""
-    tasks = Path(f"/proc/{process}/task").glob("*/children")
-    return [int(child) for task in tasks for child in task.read_text().split()]
 
 
 def gone(processes):

@@ -153,6 +153,8 @@ def test_tuning_many_is_tuning_each(logs: dict[str, Path], robot: palpate.Robot)
         (lambda: palpate.ray.evaluate(["a"], shares=0), ValueError, "shares"),
         (lambda: palpate.ray.evaluate(["a"], shares=2, test=["seq_000"]), ValueError, "shares"),
         (lambda: palpate.ray.evaluate(["a"], threads=0), ValueError, "threads"),
+        (lambda: palpate.ray.evaluate(["a"], cluster=5), TypeError, "has `submit`"),  # type: ignore[arg-type]
+        (lambda: palpate.ray.evaluate(["a"], timeout=-1.0), ValueError, "more than 0 s"),
     ],
 )
 def test_invalid_arguments_are_reported_at_once(ask: Any, error: type[Exception], words: str) -> None:

@@ -242,17 +242,6 @@ def test_a_log_in_linked_folders_is_seen_whole(logs: dict[str, Path], tmp_path: 
     assert len(seen) == 6 and all(path.startswith(str(tmp_path / "log" / "seq_")) for path in seen)
 
 
-@pytest.mark.parametrize(
-    ("keywords", "error", "words"),
-    [({"cluster": 5}, TypeError, "has `submit`"), ({"timeout": -1.0}, ValueError, "more than 0 s")],
-)
-def test_invalid_arguments_are_reported_before_any_work(
-    logs: dict[str, Path], keywords: dict[str, Any], error: type[Exception], words: str
-) -> None:
-    with pytest.raises(error, match=words):
-        palpate.ray.evaluate(logs, **keywords)
-
-
 def test_needs_ray_files_come_to_workers_that_do_not_have_them(
     cluster: Any, logs: dict[str, Path], found: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
