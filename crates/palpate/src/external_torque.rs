@@ -71,14 +71,11 @@ impl ExternalTorqueConfig {
     ///
     /// Names the first setting that is out of its range.
     pub fn check(&self) -> Result<(), SettingError> {
-        if !(self.still_rad >= 0.0 && self.still_rad.is_finite()) {
-            let (found, wanted) = (self.still_rad, "zero or more, and finite");
-            return Err(SettingError::new("still_rad", found, wanted));
-        }
-        if self.tare == Tare::Frames(0) {
-            return Err(SettingError::new("tare_frames", 0.0, "at least 1"));
-        }
-        Ok(())
+        let check = SettingError::check;
+        check("still_rad", self.still_rad, 0.0..=f64::MAX, "zero or more, and finite")?;
+        let tare_frames =
+            if let Tare::Frames(frames) = self.tare { f64::from(frames) } else { 1.0 };
+        check("tare_frames", tare_frames, 1.0..=f64::MAX, "at least 1")
     }
 
     /// Measured torque with the sign of τ_ext, minus gravity at these poses but not minus the tare, n_joints, N·m.

@@ -61,20 +61,14 @@ impl PauseConfig {
     ///
     /// Names the first setting that is out of its range.
     pub fn check(&self) -> Result<(), SettingError> {
-        let samples = [f64::from(MIN_TARE_FRAMES), MAX_HELD as f64];
-        let (idle, most) = (f64::from(self.idle_samples), f64::from(u32::MAX));
-        for (setting, found, [low, high], wanted) in [
-            ("still_rad", self.still_rad, [0.0, f64::MAX], "zero or more, and finite"),
-            ("idle_s", self.idle_s, [1e-3, 3600.0], "from 0.001 to 3600 s"),
-            ("idle_samples", idle, samples, "from 5 (the least for a tare) to 10000"),
-            ("renew_s", self.renew_s, [self.idle_s, f64::MAX], "at least idle_s, and finite"),
-            ("renew_samples", self.renew_samples.into(), [idle, most], "at least idle_samples"),
-        ] {
-            if !(low..=high).contains(&found) {
-                return Err(SettingError::new(setting, found, wanted));
-            }
-        }
-        Ok(())
+        let check = SettingError::check;
+        let samples = f64::from(MIN_TARE_FRAMES)..=MAX_HELD as f64;
+        let (idle, renew) = (f64::from(self.idle_samples), f64::from(self.renew_samples));
+        check("still_rad", self.still_rad, 0.0..=f64::MAX, "zero or more, and finite")?;
+        check("idle_s", self.idle_s, 1e-3..=3600.0, "from 0.001 to 3600 s")?;
+        check("idle_samples", idle, samples, "from 5 (the least for a tare) to 10000")?;
+        check("renew_s", self.renew_s, self.idle_s..=f64::MAX, "at least idle_s, and finite")?;
+        check("renew_samples", renew, idle..=f64::MAX, "at least idle_samples")
     }
 }
 

@@ -1,5 +1,7 @@
 //! The error for a setting outside its range, used by all modules.
 
+use std::ops::RangeInclusive;
+
 /// A setting outside its range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{setting} is {found}; it must be {wanted}")]
@@ -14,8 +16,13 @@ pub struct SettingError {
 }
 
 impl SettingError {
-    /// The error for one setting.
-    pub(crate) fn new(setting: &'static str, found: f64, wanted: &'static str) -> Self {
-        Self { setting, found, wanted }
+    /// Checks that a setting is in its range; NaN is in none.
+    pub(crate) fn check(
+        setting: &'static str,
+        found: f64,
+        range: RangeInclusive<f64>,
+        wanted: &'static str,
+    ) -> Result<(), Self> {
+        if range.contains(&found) { Ok(()) } else { Err(Self { setting, found, wanted }) }
     }
 }

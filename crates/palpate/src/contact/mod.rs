@@ -92,24 +92,13 @@ impl ContactConfig {
     ///
     /// Names the first setting that is not a finite number in its range.
     pub fn check(&self) -> Result<(), SettingError> {
-        let positive = [
-            ("contact_distance_m", self.contact_distance_m, [1e-6, 0.04], BAKED),
-            ("slip_step_m", self.slip_step_m, [1e-6, 1.0], "from 1e-6 to 1 m"),
-            ("substep_cells", self.substep_cells, [0.01, 100.0], "from 0.01 to 100 cells"),
-        ];
-        for (setting, found, [low, high], wanted) in positive {
-            if !(low..=high).contains(&found) {
-                return Err(SettingError::new(setting, found, wanted));
-            }
-        }
-        let coefficients =
-            [("friction", self.friction), ("coulomb_friction", self.coulomb_friction)];
-        for (setting, found) in coefficients {
-            if !(found >= 0.0 && found.is_finite()) {
-                return Err(SettingError::new(setting, found, "zero or more, and finite"));
-            }
-        }
-        Ok(())
+        let check = SettingError::check;
+        check("contact_distance_m", self.contact_distance_m, 1e-6..=0.04, BAKED)?;
+        check("slip_step_m", self.slip_step_m, 1e-6..=1.0, "from 1e-6 to 1 m")?;
+        check("substep_cells", self.substep_cells, 0.01..=100.0, "from 0.01 to 100 cells")?;
+        let (finite, wanted) = (0.0..=f64::MAX, "zero or more, and finite");
+        check("friction", self.friction, finite.clone(), wanted)?;
+        check("coulomb_friction", self.coulomb_friction, finite, wanted)
     }
 }
 

@@ -1,5 +1,6 @@
 //! An elastic body that was learnt from touches, and its torque along a motion.
 
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use nalgebra::{DVector, Isometry3};
@@ -84,30 +85,17 @@ impl ElasticModel {
     pub fn check(&self, lattice: &Lattice) -> Result<(), ElasticBodyError> {
         let refused = |thing, found, wanted| Err(ElasticBodyError::Model { thing, found, wanted });
         self.check_variants()?;
-        for (thing, found, largest, wanted) in [
-            ("friction", self.friction, 1e3, "a number from 0 to 1000"),
-            ("creep_s", self.creep_s, 1e3, "a number from 0 to 1000"),
-            ("share", self.share, 1.0, "a number from 0 to 1"),
-            (
-                "untouched_residual_n_per_m",
-                self.untouched_residual_n_per_m,
-                1e12,
-                "a number from 0 to 1e12",
-            ),
-            (
-                "torque_limit_n_m",
-                self.torque_limit_n_m.unwrap_or(0.0),
-                1e9,
-                "a number from 0 to 1e9",
-            ),
-        ] {
-            if !(0.0..=largest).contains(&found) {
-                return refused(thing, found, wanted);
-            }
-        }
-        if !(1e-4..=1e3).contains(&self.speed_m_per_s) {
-            return refused("speed_m_per_s", self.speed_m_per_s, "a number from 0.0001 to 1000");
-        }
+        let in_range = |thing, found, range: RangeInclusive<f64>, wanted| {
+            if range.contains(&found) { Ok(()) } else { refused(thing, found, wanted) }
+        };
+        let untouched = self.untouched_residual_n_per_m;
+        let torque_limit = self.torque_limit_n_m.unwrap_or(0.0);
+        in_range("friction", self.friction, 0.0..=1e3, "a number from 0 to 1000")?;
+        in_range("creep_s", self.creep_s, 0.0..=1e3, "a number from 0 to 1000")?;
+        in_range("share", self.share, 0.0..=1.0, "a number from 0 to 1")?;
+        in_range("untouched_residual_n_per_m", untouched, 0.0..=1e12, "a number from 0 to 1e12")?;
+        in_range("torque_limit_n_m", torque_limit, 0.0..=1e9, "a number from 0 to 1e9")?;
+        in_range("speed_m_per_s", self.speed_m_per_s, 1e-4..=1e3, "a number from 0.0001 to 1000")?;
         let (cells, found) = (self.residual_cells.len(), self.residual_n_per_m.len());
         if cells != found {
             return refused(

@@ -148,27 +148,19 @@ fn unscaled() -> f64 {
 impl EstimatorConfig {
     /// The default settings of an estimator.
     pub fn of(method: EstimatorKind) -> Self {
-        let memory = MemoryLimits { frames: 20_000, bytes: 256 << 20 };
-        match method {
-            EstimatorKind::Map | EstimatorKind::Elastic => Self {
-                prior: Prior { mean_n_per_m: 0.0, std_n_per_m: 0.76 },
-                torque_std: vec![0.2],
-                stiffness_scale: 1.0,
-                replays: 20,
-                drift_std_n_per_m: 0.0,
-                memory,
-                seed: 0,
-            },
-            EstimatorKind::Ekf => Self {
-                prior: Prior { mean_n_per_m: 0.006, std_n_per_m: 0.76 },
-                // Each replay counts a measurement again, which a larger noise compensates.
-                torque_std: vec![1.5],
-                stiffness_scale: 1.0,
-                replays: 20,
-                drift_std_n_per_m: 0.0,
-                memory,
-                seed: 0,
-            },
+        let (mean_n_per_m, torque_std) = match method {
+            EstimatorKind::Map | EstimatorKind::Elastic => (0.0, 0.2),
+            // Each replay counts a measurement again, which a larger noise compensates.
+            EstimatorKind::Ekf => (0.006, 1.5),
+        };
+        Self {
+            prior: Prior { mean_n_per_m, std_n_per_m: 0.76 },
+            torque_std: vec![torque_std],
+            stiffness_scale: 1.0,
+            replays: 20,
+            drift_std_n_per_m: 0.0,
+            memory: MemoryLimits { frames: 20_000, bytes: 256 << 20 },
+            seed: 0,
         }
     }
 
@@ -178,33 +170,17 @@ impl EstimatorConfig {
     ///
     /// Names the first setting out of range.
     pub fn torque_variance(&self, n_joints: usize) -> Result<DVector<f64>, EstimatorError> {
-        let at_least_zero =
-            [("prior_mean", self.prior.mean_n_per_m), ("drift_std", self.drift_std_n_per_m)];
-        for (setting, found) in at_least_zero {
-            if !(0.0..=LARGEST).contains(&found) {
-                let wanted = "from 0 to 1e9 N/m";
-                return Err(SettingError::new(setting, found, wanted).into());
-            }
-        }
-        let found = self.prior.std_n_per_m;
-        if !(SMALLEST..=LARGEST).contains(&found) {
-            let wanted = "from 1e-9 to 1e9 N/m";
-            return Err(SettingError::new("prior_std", found, wanted).into());
-        }
-        if !(0.0..=1.0).contains(&self.stiffness_scale) {
-            return Err(
-                SettingError::new("stiffness_scale", self.stiffness_scale, "from 0 to 1").into()
-            );
-        }
+        let (check, prior) = (SettingError::check, &self.prior);
+        check("prior_mean", prior.mean_n_per_m, 0.0..=LARGEST, "from 0 to 1e9 N/m")?;
+        check("drift_std", self.drift_std_n_per_m, 0.0..=LARGEST, "from 0 to 1e9 N/m")?;
+        check("prior_std", prior.std_n_per_m, SMALLEST..=LARGEST, "from 1e-9 to 1e9 N/m")?;
+        check("stiffness_scale", self.stiffness_scale, 0.0..=1.0, "from 0 to 1")?;
         if self.torque_std.len() != 1 && self.torque_std.len() != n_joints {
             let got = self.torque_std.len();
             return Err(EstimatorError::TorqueStdCount { got, expected: n_joints });
         }
-        if let Some(&found) =
-            self.torque_std.iter().find(|std| !(SMALLEST..=LARGEST).contains(*std))
-        {
-            let wanted = "from 1e-9 to 1e9 N·m";
-            return Err(SettingError::new("torque_std", found, wanted).into());
+        for &std in &self.torque_std {
+            check("torque_std", std, SMALLEST..=LARGEST, "from 1e-9 to 1e9 N·m")?;
         }
         let std = |joint: usize| self.torque_std[joint.min(self.torque_std.len() - 1)];
         Ok(DVector::from_fn(n_joints, |joint, _| std(joint).powi(2)))

@@ -29,14 +29,9 @@ impl PathConfig {
 
     /// Checks every setting.
     pub(super) fn check(&self) -> Result<(), PathError> {
-        let settings =
-            [("resolution_cells", self.resolution_cells), ("start_cells", self.start_cells)];
-        match settings.into_iter().find(|(_, found)| !(0.0..=1e3).contains(found)) {
-            Some((setting, found)) => {
-                Err(SettingError::new(setting, found, "from 0 to 1000 cells").into())
-            }
-            None => Ok(()),
-        }
+        let (check, wanted) = (SettingError::check, "from 0 to 1000 cells");
+        check("resolution_cells", self.resolution_cells, 0.0..=1e3, wanted)?;
+        Ok(check("start_cells", self.start_cells, 0.0..=1e3, wanted)?)
     }
 }
 
