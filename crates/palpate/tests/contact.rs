@@ -9,19 +9,15 @@ use std::sync::Arc;
 use nalgebra::DVector;
 use palpate::unstable::{CellRows, ContactSimulator, LinkId, Observation, StiffnessRule, Tracker};
 use palpate::{
-    Arm, BakeConfig, CellId, ContactConfig, Contacts, ExternalTorqueConfig, Lattice, Robot, Sample,
-    Tare, TrackerError,
+    Arm, BakeConfig, CellId, ContactConfig, Contacts, ExternalTorqueConfig, Lattice, Sample, Tare,
+    TrackerError,
 };
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use scene::{cells_with, collision, gantry_urdf, uniform};
+use scene::{HOME, arm, cells_with, collision, gantry, gantry_urdf, joint, uniform};
 
-/// A gantry that carries one shape, baked finely.
-fn gantry(geometry: &str) -> Arc<Arm> {
-    let robot = Robot::from_urdf(&gantry_urdf(&collision(geometry))).unwrap();
-    let bake = BakeConfig::new(0.003, 0.04);
-    Arc::new(Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0)
-}
+/// Spacing of the baked distances, m.
+const FINE_M: f64 = 0.003;
 
 /// A block of 20 cm a side, whose front face stands at x = 0.1 m when the gantry is at home.
 const BLOCK: &str = "<box size='0.2 0.2 0.2'/>";
@@ -75,7 +71,7 @@ fn sticky() -> ContactConfig {
 
 #[test]
 fn a_pressed_face_displaces_each_point_by_how_far_it_was_overrun() {
-    let arm = gantry(BLOCK);
+    let arm = gantry(BLOCK, FINE_M);
     let mut world = World::new(&arm, column(), &config(), [0.0; 3]);
     // δ = 5 mm: the inflated face goes from 0.105 to 0.145 m, over the points at 0.107, 0.117,
     // 0.127 and 0.137 m, with 10 x 10 points in a layer.
@@ -94,7 +90,7 @@ fn a_pressed_face_displaces_each_point_by_how_far_it_was_overrun() {
 
 #[test]
 fn points_inside_the_links_at_the_start_are_never_contacts_of_that_touch() {
-    let arm = gantry(BLOCK);
+    let arm = gantry(BLOCK, FINE_M);
     // The block starts half in the column: 10 layers lie inside it.
     let start = [0.1, 0.0, 0.0];
     let mut world = World::new(&arm, column(), &config(), start);
@@ -118,7 +114,7 @@ fn points_inside_the_links_at_the_start_are_never_contacts_of_that_touch() {
 
 #[test]
 fn friction_is_a_share_of_the_normal_force_and_turns_round_with_the_link() {
-    let (arm, coefficient) = (gantry(BLOCK), 0.5);
+    let (arm, coefficient) = (gantry(BLOCK, FINE_M), 0.5);
     let config =
         with(|config| (config.friction, config.coulomb_friction) = (0.0, f64::from(coefficient)));
     let mut world = World::new(&arm, column(), &config, [0.0; 3]);
@@ -149,7 +145,7 @@ fn friction_is_a_share_of_the_normal_force_and_turns_round_with_the_link() {
 
 #[test]
 fn a_point_slips_until_the_friction_cone_holds_it() {
-    let arm = gantry(BLOCK);
+    let arm = gantry(BLOCK, FINE_M);
     for friction in [0.0, 0.3, 0.8] {
         let config = with(|config| (config.friction, config.slip_iterations) = (friction, 50));
         let mut world = World::new(&arm, column(), &config, [0.0; 3]);
@@ -171,7 +167,7 @@ fn a_point_slips_until_the_friction_cone_holds_it() {
 
 #[test]
 fn a_point_is_released_where_its_spring_would_pull() {
-    let arm = gantry(BLOCK);
+    let arm = gantry(BLOCK, FINE_M);
     let mut world = World::new(&arm, column(), &config(), [0.0; 3]);
     let pressed = world.go([0.0; 3], [0.0401, 0.0, 0.0]);
     // Back by 2 cm: the layers at 0.137 and 0.127 have been overtaken by the face's retreat.
@@ -189,7 +185,7 @@ fn a_cylinder_swept_through_an_elastic_bed_meets_the_force_of_the_integral() {
     // stiffness k a volume. A point at distance s behind the advancing front is displaced by s,
     // so the force is k L ∫dy ∫₀ᴰ s ds = k L (2R') D²/2 with R' = R + δ.
     let (radius, travel, spacing) = (0.05, 0.06, 0.004);
-    let arm = gantry("<cylinder radius='0.05' length='0.4'/>");
+    let arm = gantry("<cylinder radius='0.05' length='0.4'/>", FINE_M);
     let lattice = Lattice::new([-0.2, -0.15, -0.05], spacing, [100, 75, 25]).unwrap();
     let delta = 0.002;
     let config = with(|config| (config.slip_iterations, config.contact_distance_m) = (0, delta));
@@ -217,23 +213,15 @@ fn elbow() -> Arc<Arm> {
              </collision></link>"
         )
     };
-    let joint = |n: usize, kind: &str, parent: &str, child: &str, axis: &str, x: f64| {
-        format!(
-            "<joint name='j{n}' type='{kind}'><origin xyz='{x} 0 0'/><parent link='{parent}'/>\
-             <child link='{child}'/><axis xyz='{axis}'/><limit lower='-3' upper='3' effort='1' \
-             velocity='1'/></joint>"
-        )
-    };
-    let robot = Robot::from_urdf(&format!(
+    let urdf = format!(
         "<robot name='elbow'><link name='base'/><link name='slide'/>{}{}{}{}{}</robot>",
         link("upper", "<box size='0.3 0.06 0.06'/>", 0.15),
         link("fore", "<cylinder radius='0.03' length='0.2'/>", 0.05),
-        joint(0, "prismatic", "base", "slide", "0 0 1", 0.0),
-        joint(1, "continuous", "slide", "upper", "0 0 1", 0.0),
-        joint(2, "revolute", "upper", "fore", "0 1 0", 0.3),
-    ));
-    let bake = BakeConfig::default();
-    Arc::new(Arm::bake(robot.unwrap(), &bake, |_| unreachable!("primitives only")).unwrap().0)
+        joint("j0", "prismatic", ["base", "slide"], HOME, "0 0 1", 3.0),
+        joint("j1", "continuous", ["slide", "upper"], HOME, "0 0 1", 3.0),
+        joint("j2", "revolute", ["upper", "fore"], "xyz='0.3 0 0'", "0 1 0", 3.0),
+    );
+    arm(&urdf, &BakeConfig::default())
 }
 
 #[test]
@@ -275,7 +263,7 @@ fn no_point_that_a_link_covers_is_ever_free() {
 
 #[test]
 fn a_long_motion_asks_for_substeps_so_that_nothing_tunnels() {
-    let arm = gantry(BLOCK);
+    let arm = gantry(BLOCK, FINE_M);
     let world = World::new(&arm, column(), &config(), [0.0; 3]);
     let poses = |x: f64| arm.robot.forward(&[x, 0.0, 0.0]).unwrap().world_from_link;
     let substeps = |x: f64| world.simulator.substeps(&poses(0.0), &poses(x));
@@ -285,11 +273,9 @@ fn a_long_motion_asks_for_substeps_so_that_nothing_tunnels() {
 /// Contacts after a tracker was fed these joint positions, one sample each; what is met sticks, so
 /// that every place the arm passed shows.
 fn tracked(urdf: &str, lattice: &Lattice, samples: &[&[f64]]) -> Result<Contacts, TrackerError> {
-    let robot = Robot::from_urdf(urdf).unwrap();
-    let baked = Arm::bake(robot, &BakeConfig::default(), |_| unreachable!("primitives only"));
     let mut touch = ExternalTorqueConfig::default();
     touch.tare = Tare::None;
-    let arm = Arc::new(baked.unwrap().0);
+    let arm = arm(urdf, &BakeConfig::default());
     let mut tracker = Tracker::new(arm, lattice.clone(), &sticky(), touch).unwrap();
     tracker.begin_touch();
     let mut contacts = Contacts::default();
@@ -304,9 +290,8 @@ fn tracked(urdf: &str, lattice: &Lattice, samples: &[&[f64]]) -> Result<Contacts
 fn turning_ball(kind: &str) -> String {
     format!(
         "<robot name='turning'><link name='base'/><link name='ball'><collision><origin \
-         xyz='0.4 0 0'/><geometry><sphere radius='0.05'/></geometry></collision></link><joint \
-         name='turn' type='{kind}'><parent link='base'/><child link='ball'/><axis xyz='0 0 1'/>\
-         <limit lower='-7' upper='7' effort='1' velocity='1'/></joint></robot>"
+         xyz='0.4 0 0'/><geometry><sphere radius='0.05'/></geometry></collision></link>{}</robot>",
+        joint("turn", kind, ["base", "ball"], HOME, "0 0 1", 7.0)
     )
 }
 
@@ -327,18 +312,12 @@ fn a_turn_in_one_sample_touches_what_it_touches_in_many() {
 fn joints_that_end_where_they_began_have_still_moved_the_links_between() {
     // Shoulder and elbow turn so that the ball at the end comes back to its place: the ends of
     // the motion are alike, and between them it sweeps the workspace.
-    let hinge = |name: &str, parent: &str, child: &str, x: f64| {
-        format!(
-            "<joint name='{name}' type='continuous'><origin xyz='{x} 0 0'/><parent \
-             link='{parent}'/><child link='{child}'/><axis xyz='0 0 1'/></joint>"
-        )
-    };
     let urdf = format!(
         "<robot name='elbow'><link name='base'/><link name='upper'/><link name='ball'><collision>\
          <origin xyz='0.3 0 0'/><geometry><sphere radius='0.05'/></geometry></collision></link>\
          {}{}</robot>",
-        hinge("shoulder", "base", "upper", 0.0),
-        hinge("elbow", "upper", "ball", 0.3)
+        joint("shoulder", "continuous", ["base", "upper"], HOME, "0 0 1", 3.0),
+        joint("elbow", "continuous", ["upper", "ball"], "xyz='0.3 0 0'", "0 0 1", 3.0)
     );
     // From (-0.7, 1.4) to (0.7, -1.4) the ball goes out along x from 0.46 to 0.6 m, and back.
     let lattice = Lattice::new([-0.7; 3], 0.02, [71; 3]).unwrap();
@@ -374,15 +353,12 @@ fn angles_that_wrap_are_the_same_motion_and_impossible_jumps_are_refused() {
 fn a_point_that_one_link_lets_go_is_taken_by_another_that_stands_still_over_it() {
     // Two balls on rails along x: the first presses in, the second follows to the same place and
     // stops there, the first retreats. What it lets go, the second must take without moving.
-    let rail = |n: usize| {
-        format!(
-            "<link name='ball{n}'><collision><geometry><sphere radius='0.05'/></geometry>\
-             </collision></link><joint name='rail{n}' type='prismatic'><parent link='base'/>\
-             <child link='ball{n}'/><axis xyz='1 0 0'/><limit lower='-2' upper='2' effort='1' \
-             velocity='1'/></joint>"
-        )
-    };
-    let urdf = format!("<robot name='two'><link name='base'/>{}{}</robot>", rail(1), rail(2));
+    let balls = ["ball1", "ball2"].map(|ball| {
+        let shape = collision("<sphere radius='0.05'/>");
+        let rail = joint(ball, "prismatic", ["base", ball], HOME, "1 0 0", 2.0);
+        format!("<link name='{ball}'>{shape}</link>{rail}")
+    });
+    let urdf = format!("<robot name='two'><link name='base'/>{}</robot>", balls.concat());
     let lattice = Lattice::new([0.0, -0.1, -0.1], 0.01, [40, 20, 20]).unwrap();
     let path: [&[f64]; 4] = [&[-0.2, -0.2], &[0.1, -0.2], &[0.1, 0.1], &[-0.2, 0.1]];
     let held = tracked(&urdf, &lattice, &path).unwrap();

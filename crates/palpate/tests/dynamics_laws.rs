@@ -1,24 +1,14 @@
 //! Laws of the inverse dynamics: Lagrange's equations, from energies that are computed another way.
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
+mod scene;
+
 use nalgebra::{DVector, Vector3};
 use palpate::unstable::{LinkId, N_INERTIAL_PARAMETERS};
 use palpate::{Payload, Robot};
 use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
-
-fn robots() -> Vec<(&'static str, Robot)> {
-    let of = |xml| Robot::from_urdf(xml).unwrap();
-    vec![
-        ("panda", of(include_str!("../testdata/panda_like.urdf"))),
-        ("two arms", of(include_str!("../testdata/two_arms.urdf"))),
-        ("gen3", Robot::built_in("kinova_gen3").unwrap()),
-    ]
-}
-
-fn random(rng: &mut ChaCha8Rng, n: usize, half: f64) -> Vec<f64> {
-    (0..n).map(|_| (f64::from(rng.next_u32()) / f64::from(u32::MAX) * 2.0 - 1.0) * half).collect()
-}
+use rand_chacha::rand_core::SeedableRng;
+use scene::{random_q, robots};
 
 /// Kinetic less potential energy, J, from the velocity of each link's centre and its angular velocity.
 fn lagrangian(robot: &Robot, q: &[f64], speed: &[f64]) -> f64 {
@@ -44,7 +34,7 @@ fn inverse_dynamics_are_lagranges_equations() {
     for (name, robot) in robots() {
         let n = robot.n_joints();
         let (q, speed, acceleration) =
-            (random(&mut rng, n, 1.5), random(&mut rng, n, 2.0), random(&mut rng, n, 5.0));
+            (random_q(&mut rng, n, 1.5), random_q(&mut rng, n, 2.0), random_q(&mut rng, n, 5.0));
         let poses = robot.forward(&q).unwrap();
         let torque = robot.inverse_dynamics(&poses, &speed, &acceleration);
         let h = 1e-4;
@@ -77,7 +67,7 @@ fn at_rest_motors_hold_gravity() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     for (name, robot) in robots() {
         let n = robot.n_joints();
-        let poses = robot.forward(&random(&mut rng, n, 1.5)).unwrap();
+        let poses = robot.forward(&random_q(&mut rng, n, 1.5)).unwrap();
         let rest = vec![0.0; n];
         let sum = robot.inverse_dynamics(&poses, &rest, &rest) + robot.gravity_torque(&poses);
         assert!(sum.amax() < 1e-12, "{name}: {sum}");
@@ -92,7 +82,7 @@ fn parameters_of_bodies_say_all_that_the_links_do() {
         assert_eq!(robot.inertial_parameters().len(), N_INERTIAL_PARAMETERS * robot.bodies().len());
         let merged = robot.clone().with_inertial_parameters(&robot.inertial_parameters());
         let (q, speed, acceleration) =
-            (random(&mut rng, n, 1.5), random(&mut rng, n, 2.0), random(&mut rng, n, 5.0));
+            (random_q(&mut rng, n, 1.5), random_q(&mut rng, n, 2.0), random_q(&mut rng, n, 5.0));
         let poses = robot.forward(&q).unwrap();
         let off = robot.inverse_dynamics(&poses, &speed, &acceleration)
             - merged.inverse_dynamics(&poses, &speed, &acceleration);

@@ -8,7 +8,7 @@ use palpate::unstable::{CellRows, EkfEstimator, Estimator, FrameId, Observation}
 use palpate::{EstimatorError, EstimatorKind, Robot};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use scene::{cells_with, centimetre_lattice, config, contacts, gantry_urdf, hinge, uniform};
+use scene::{cells_with, centimetre_lattice, config, contacts, gantry_urdf, uniform};
 
 /// Frames of a gantry in which no joint's torque is that of two cells: each of three cells is pushed
 /// along its own axis, or not at all. H S Hᵀ is then diagonal, and so stays the covariance.
@@ -91,12 +91,7 @@ fn with_diagonal_levers_it_equals_the_textbook_filter_and_lazy_drift_equals_eage
 
 #[test]
 fn one_joint_one_contact_recovers_the_spring() {
-    let robot = hinge();
-    let mut rows = CellRows::new(palpate::Lattice::new([0.0; 3], 0.01, [80; 3]).unwrap());
-    let poses = robot.forward(&[0.0]).unwrap();
-    let touched = contacts(rows.lattice(), 1, &[([50, 0, 0], [0.0, -0.04, 0.0])]);
-    let tau = DVector::from_element(1, 3.0);
-    let frame = Observation::new(&robot, &poses, &touched, &mut rows, &tau);
+    let (rows, frame) = scene::spring_frame();
     let mut ekf = EkfEstimator::new(&config(EstimatorKind::Ekf, 1e-3, 1e4, 1e-3), 0.01, 1).unwrap();
     ekf.correct(rows.points_m(), frame, FrameId { touch: 0, sample: 0 }).unwrap();
     assert!((ekf.stiffness(0) - 150.0).abs() < 1e-4, "{}", ekf.stiffness(0));

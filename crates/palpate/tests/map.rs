@@ -5,17 +5,13 @@ mod scene;
 
 use nalgebra::{DMatrix, DVector};
 use palpate::unstable::{
-    CellRows, CellState, Estimator, FrameId, MapEstimator, Observation, RememberedFrame,
+    CellRows, CellState, Estimator, MapEstimator, Observation, RememberedFrame,
 };
 use palpate::{EstimatorConfig, EstimatorError, EstimatorKind};
 use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use scene::{cells_with, centimetre_lattice, config, contacts, crooked_arm, hinge, random_frame};
-
-fn source(sample: u32) -> FrameId {
-    FrameId { touch: 0, sample }
-}
+use scene::{cells_with, centimetre_lattice, config, contacts, crooked_arm, random_frame, source};
 
 /// Frames of a field in which every third cell is empty, with an error on every torque.
 fn frames(seed: u64, count: usize) -> (CellRows, Vec<Observation>) {
@@ -84,12 +80,7 @@ fn non_negative_least_squares(a: &DMatrix<f64>, b: &DVector<f64>) -> DVector<f64
 
 #[test]
 fn one_joint_one_contact_recovers_the_spring() {
-    let robot = hinge();
-    let mut rows = CellRows::new(palpate::Lattice::new([0.0; 3], 0.01, [80; 3]).unwrap());
-    let poses = robot.forward(&[0.0]).unwrap();
-    let touched = contacts(rows.lattice(), 1, &[([50, 0, 0], [0.0, -0.04, 0.0])]);
-    let tau = DVector::from_element(1, 3.0); // N·m at a lever of 0.02 m²: 150 N/m
-    let frame = Observation::new(&robot, &poses, &touched, &mut rows, &tau);
+    let (rows, frame) = scene::spring_frame();
     let mut map = MapEstimator::new(&config(EstimatorKind::Map, 0.0, 1e4, 1e-3), 0.01, 1).unwrap();
     map.correct(rows.points_m(), frame, source(0)).unwrap();
     assert!((map.stiffness(0) - 150.0).abs() < 1e-4, "{}", map.stiffness(0));

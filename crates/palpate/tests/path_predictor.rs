@@ -7,19 +7,17 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 use palpate::{
-    Arm, BakeConfig, BandQuantiles, CLUSTER_WEIGHT, Calibration, EstimatorKind, Gravity, Lattice,
-    MAX_POINTS, Mapper, MapperConfig, PathConfig, PathError, PathPoint, PathPrediction,
-    PathPredictor, Predictor, Robot, Sample, Tare,
+    Arm, BandQuantiles, CLUSTER_WEIGHT, Calibration, EstimatorKind, Gravity, Lattice, MAX_POINTS,
+    Mapper, MapperConfig, PathConfig, PathError, PathPoint, PathPrediction, PathPredictor,
+    Predictor, Sample, Tare,
 };
-use scene::{collision, config, gantry_urdf};
+use scene::config;
 
 const EVERY_POINT: PathConfig = PathConfig::new(0.0, 1.0);
 
 /// A ball of 12 cm on a gantry.
 fn arm() -> Arc<Arm> {
-    let robot = Robot::from_urdf(&gantry_urdf(&collision("<sphere radius='0.06'/>"))).unwrap();
-    let bake = BakeConfig::new(0.005, 0.04);
-    Arc::new(Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0)
+    scene::gantry("<sphere radius='0.06'/>", 0.005)
 }
 
 /// Springs of 1 cm from x = 0 on.

@@ -6,18 +6,14 @@ mod scene;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use palpate::unstable::{CellRows, Estimator, FrameId, MapEstimator, Observation};
+use palpate::unstable::{CellRows, Estimator, MapEstimator, Observation};
 use palpate::{
-    Arm, BakeConfig, CellId, EstimatorConfig, EstimatorKind, Field, Gravity, Lattice, Mapper,
-    MapperConfig, Predictor, Robot, Sample, Tare,
+    Arm, CellId, EstimatorConfig, EstimatorKind, Field, Gravity, Lattice, Mapper, MapperConfig,
+    Predictor, Sample, Tare,
 };
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use scene::{centimetre_lattice, collision, config, crooked_arm, gantry_urdf, random_frame};
-
-fn source(sample: u32) -> FrameId {
-    FrameId { touch: 0, sample }
-}
+use scene::{centimetre_lattice, config, crooked_arm, learn, random_frame, source};
 
 /// An estimator of either kind, at its prior.
 fn estimator(method: EstimatorKind, settings: EstimatorConfig) -> Box<dyn Estimator> {
@@ -100,9 +96,7 @@ fn a_saved_state_keeps_its_prior_means() {
 
 /// A ball on a gantry.
 fn arm() -> Arc<Arm> {
-    let robot = Robot::from_urdf(&gantry_urdf(&collision("<sphere radius='0.06'/>"))).unwrap();
-    let bake = BakeConfig::new(0.01, 0.04);
-    Arc::new(Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0)
+    scene::gantry("<sphere radius='0.06'/>", 0.01)
 }
 
 /// A box of springs beside the ball.
@@ -141,12 +135,6 @@ fn predicted(field: &Field) -> (Vec<Vec<f64>>, usize) {
     let frames: Vec<_> = frames.collect();
     let known = frames.iter().map(|frame| frame.known).sum();
     (frames.iter().map(|frame| frame.predicted.as_slice().to_vec()).collect(), known)
-}
-
-fn learn(mapper: &mut Mapper, motion: &[Sample]) {
-    mapper.begin_touch();
-    motion.iter().for_each(|sample| drop(mapper.step(sample).unwrap()));
-    mapper.end_touch().unwrap();
 }
 
 #[test]

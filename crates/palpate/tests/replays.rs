@@ -7,25 +7,22 @@ mod scene;
 use std::sync::Arc;
 
 use palpate::{
-    Arm, BakeConfig, EstimatorKind, Gravity, Lattice, Mapper, MapperConfig, MapperError,
-    ReplayPolicy, Robot, Sample, Tare, TrackerError,
+    EstimatorKind, Gravity, Lattice, Mapper, MapperConfig, MapperError, ReplayPolicy, Sample, Tare,
+    TrackerError,
 };
-use scene::{collision, gantry_urdf};
+use scene::{gantry, learn};
 
 /// Replays of a frame.
 const REPLAYS: u32 = 5;
 
 /// A mapper of a ball on a gantry beside a box of springs.
 fn mapper(method: EstimatorKind, policy: ReplayPolicy) -> Mapper {
-    let robot = Robot::from_urdf(&gantry_urdf(&collision("<sphere radius='0.06'/>"))).unwrap();
-    let bake = BakeConfig::new(0.01, 0.04);
-    let arm = Arm::bake(robot, &bake, |_| unreachable!("primitives only")).unwrap().0;
     let lattice = Lattice::new([0.1, -0.1, -0.1], 0.02, [12; 3]).unwrap();
     let mut config = MapperConfig::of(method);
     config.lattice = lattice;
     (config.touch.gravity, config.touch.tare) = (Gravity::Removed, Tare::None);
     config.estimator.replays = REPLAYS;
-    Mapper::new(Arc::new(arm), config).unwrap().with_replays(policy)
+    Mapper::new(gantry("<sphere radius='0.06'/>", 0.01), config).unwrap().with_replays(policy)
 }
 
 /// The ball moves into the box, along it, and out again.
@@ -41,12 +38,6 @@ fn touch() -> Vec<Sample> {
 
 fn learn_touch(mapper: &mut Mapper) {
     learn(mapper, &touch());
-}
-
-fn learn(mapper: &mut Mapper, samples: &[Sample]) {
-    mapper.begin_touch();
-    samples.iter().for_each(|sample| drop(mapper.step(sample).unwrap()));
-    mapper.end_touch().unwrap();
 }
 
 #[test]

@@ -1,34 +1,15 @@
 //! Laws of the kinematics, on robots of several makers' shapes.
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
+mod scene;
+
 use k::nalgebra as kna;
 use nalgebra::{Isometry3, Point3, Vector3, Vector6};
 use palpate::unstable::{LinkId, Poses};
 use palpate::{Payload, Robot};
 use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
-
-/// An arm like Franka's: seven joints, a fixed hand, two fingers of which one mimics the other.
-const PANDA_LIKE: &str = include_str!("../testdata/panda_like.urdf");
-/// A rail that carries two arms of two joints, one of them on a lifting column.
-const TWO_ARMS: &str = include_str!("../testdata/two_arms.urdf");
-
-fn robots() -> Vec<(&'static str, Robot)> {
-    let kinova = Robot::built_in("kinova_gen3").unwrap();
-    [("panda", PANDA_LIKE), ("two arms", TWO_ARMS)]
-        .map(|(name, xml)| (name, Robot::from_urdf(xml).unwrap()))
-        .into_iter()
-        .chain([("gen3", kinova)])
-        .collect()
-}
-
-fn uniform(rng: &mut ChaCha8Rng, half: f64) -> f64 {
-    (f64::from(rng.next_u32()) / f64::from(u32::MAX) * 2.0 - 1.0) * half
-}
-
-fn random_q(rng: &mut ChaCha8Rng, robot: &Robot) -> Vec<f64> {
-    (0..robot.n_joints()).map(|_| uniform(rng, 1.5)).collect()
-}
+use rand_chacha::rand_core::SeedableRng;
+use scene::{PANDA_LIKE, TWO_ARMS, random_q, robots, uniform};
 
 fn ids(robot: &Robot) -> impl Iterator<Item = LinkId> + use<> {
     (0..robot.links().len() as u16).map(LinkId)
@@ -51,10 +32,10 @@ fn potential_energy_j(robot: &Robot, poses: &Poses) -> f64 {
 fn the_jacobian_is_the_derivative_of_forward() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for (name, robot) in robots() {
-        let q = random_q(&mut rng, &robot);
+        let q = random_q(&mut rng, robot.n_joints(), 1.5);
         let poses = robot.forward(&q).unwrap();
         for link in ids(&robot) {
-            let point_link = Point3::from(Vector3::from_fn(|_, _| uniform(&mut rng, 0.3)));
+            let point_link = Point3::from(Vector3::from_fn(|_, _| uniform(&mut rng, -0.3, 0.3)));
             let jacobian =
                 robot.jacobian(&poses, link, &(poses.world_from_link[link.index()] * point_link));
             for joint in 0..robot.n_joints() {
@@ -73,10 +54,10 @@ fn the_jacobian_is_the_derivative_of_forward() {
 fn the_spatial_jacobian_gives_the_torque_of_a_force_at_any_point() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     for (name, robot) in robots() {
-        let poses = robot.forward(&random_q(&mut rng, &robot)).unwrap();
+        let poses = robot.forward(&random_q(&mut rng, robot.n_joints(), 1.5)).unwrap();
         for link in ids(&robot) {
-            let point = Point3::from(Vector3::from_fn(|_, _| uniform(&mut rng, 1.0)));
-            let force = Vector3::from_fn(|_, _| uniform(&mut rng, 10.0));
+            let point = Point3::from(Vector3::from_fn(|_, _| uniform(&mut rng, -1.0, 1.0)));
+            let force = Vector3::from_fn(|_, _| uniform(&mut rng, -10.0, 10.0));
             let moment = point.coords.cross(&force);
             let wrench = Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
 
@@ -95,7 +76,7 @@ fn gravity_exerts_minus_the_slope_of_potential_energy() {
         let tool = robot.links().last().unwrap().name.clone();
         let payload = Payload::new(tool, 1.5, [0.02, -0.03, 0.1]);
         for robot in [robot.clone(), robot.with_payload(&payload).unwrap()] {
-            let q = random_q(&mut rng, &robot);
+            let q = random_q(&mut rng, robot.n_joints(), 1.5);
             let torque = robot.gravity_torque(&robot.forward(&q).unwrap());
             assert!(torque.amax() > 0.1, "{name}: a case with something to find");
             for joint in 0..robot.n_joints() {
@@ -137,7 +118,7 @@ fn poses_and_jacobian_agree_with_crate_k() {
     let gen3 = include_str!("../src/robot/kinova_gen3.urdf");
     for xml in [PANDA_LIKE, TWO_ARMS, gen3] {
         let robot = Robot::from_urdf(xml).unwrap();
-        let q = random_q(&mut rng, &robot);
+        let q = random_q(&mut rng, robot.n_joints(), 1.5);
         let (poses, chain) = (robot.forward(&q).unwrap(), in_k(xml, &robot, &q));
         for (link, pose) in robot.links().iter().zip(&poses.world_from_link) {
             let theirs = chain.find_link(&link.name).unwrap().world_transform().unwrap();
@@ -149,7 +130,7 @@ fn poses_and_jacobian_agree_with_crate_k() {
     }
 
     let robot = Robot::from_urdf(gen3).unwrap();
-    let q = random_q(&mut rng, &robot);
+    let q = random_q(&mut rng, robot.n_joints(), 1.5);
     let (poses, chain) = (robot.forward(&q).unwrap(), in_k(gen3, &robot, &q));
     let tip = robot.links().len() - 1;
     let end = chain.find_link(&robot.links()[tip].name).unwrap();
@@ -168,7 +149,7 @@ fn gravity_agrees_with_the_centre_of_mass_of_crate_k() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     for xml in [PANDA_LIKE, TWO_ARMS, include_str!("../src/robot/kinova_gen3.urdf")] {
         let robot = Robot::from_urdf(xml).unwrap();
-        let q = random_q(&mut rng, &robot);
+        let q = random_q(&mut rng, robot.n_joints(), 1.5);
         let mass_kg: f64 = robot.links().iter().map(|link| link.mass_kg).sum();
         let torque = robot.gravity_torque(&robot.forward(&q).unwrap());
         for joint in 0..robot.n_joints() {
@@ -196,7 +177,7 @@ fn a_payload_equals_a_link_of_that_mass() {
     let one = Robot::from_urdf(&without).unwrap().with_payload(&payload).unwrap();
     let other = Robot::from_urdf(&with).unwrap();
 
-    let q = random_q(&mut ChaCha8Rng::seed_from_u64(6), &one);
+    let q = random_q(&mut ChaCha8Rng::seed_from_u64(6), one.n_joints(), 1.5);
     let torque = |robot: &Robot| robot.gravity_torque(&robot.forward(&q).unwrap());
     assert!((torque(&one) - torque(&other)).amax() < 1e-12);
 }

@@ -1,6 +1,8 @@
 //! Laws of baked distances: of primitives, of meshes sound and broken, of cached bytes.
 #![allow(clippy::unwrap_used)] // these are tests, though clippy does not see it in helpers
 
+mod scene;
+
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3, point, vector};
 use palpate::BakeConfig;
 use palpate::unstable::{
@@ -9,17 +11,14 @@ use palpate::unstable::{
 };
 use proptest::prelude::*;
 use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
+use rand_chacha::rand_core::SeedableRng;
+use scene::uniform;
 
 const CONFIG: BakeConfig = BakeConfig::new(0.005, 0.03);
 
-fn uniform(rng: &mut ChaCha8Rng, half: f64) -> f64 {
-    (f64::from(rng.next_u32()) / f64::from(u32::MAX) * 2.0 - 1.0) * half
-}
-
 fn points(seed: u64, n: usize, half: f64) -> Vec<Point3<f64>> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    (0..n).map(|_| Point3::from(Vector3::from_fn(|_, _| uniform(&mut rng, half)))).collect()
+    (0..n).map(|_| Point3::from(Vector3::from_fn(|_, _| uniform(&mut rng, -half, half)))).collect()
 }
 
 fn part(shape: Shape) -> Collision {
@@ -38,8 +37,11 @@ fn four_shapes() -> [Shape; 4] {
 }
 
 fn of_primitive(part: &Collision) -> DistanceGrid {
-    let solid = Solid { primitives: vec![part.clone()], meshes: vec![] };
-    bake(&solid, &CONFIG).unwrap().0
+    baked(part, &CONFIG)
+}
+
+fn baked(part: &Collision, config: &BakeConfig) -> DistanceGrid {
+    bake(&Solid { primitives: vec![part.clone()], meshes: vec![] }, config).unwrap().0
 }
 
 fn exact(part: &Collision, point: &Point3<f64>) -> f64 {
@@ -331,9 +333,7 @@ fn triangles_without_area_are_left_out_and_counted() {
 }
 
 fn small_grid() -> DistanceGrid {
-    let config = BakeConfig::new(0.02, 0.02);
-    let solid = Solid { primitives: vec![cube()], meshes: vec![] };
-    bake(&solid, &config).unwrap().0
+    baked(&cube(), &BakeConfig::new(0.02, 0.02))
 }
 
 #[test]
@@ -393,12 +393,9 @@ fn surface_points_lie_on_the_surface_and_all_over_it() {
 
 #[test]
 fn the_smooth_slope_is_the_derivative_of_the_smooth_distance_and_near_the_true_one() {
-    let sphere = Collision {
-        shape: Shape::Sphere { radius_m: 0.05 },
-        link_from_shape: nalgebra::Isometry3::identity(),
-    };
-    let solid = Solid { primitives: vec![sphere], meshes: Vec::new() };
-    let (grid, _) = bake(&solid, &BakeConfig::new(0.004, 0.04)).expect("a sphere");
+    let shape = Shape::Sphere { radius_m: 0.05 };
+    let sphere = Collision { shape, link_from_shape: Isometry3::identity() };
+    let grid = baked(&sphere, &BakeConfig::new(0.004, 0.04));
     for step in 0..200 {
         let angle = f64::from(step);
         let direction = nalgebra::vector![angle.sin(), (1.3 * angle).cos(), (0.7 * angle).sin()];

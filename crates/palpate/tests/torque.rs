@@ -3,7 +3,7 @@
 
 mod scene;
 
-use nalgebra::{DMatrix, DVector, Point3, Vector3};
+use nalgebra::{DMatrix, DVector, Vector3};
 use palpate::Contacts;
 use palpate::unstable::{CellRows, Observation, StiffnessRule, lever};
 use rand_chacha::ChaCha8Rng;
@@ -81,16 +81,6 @@ fn stiffness_is_the_positive_part_or_the_magnitude_of_the_unknown() {
         let plainly = cells_with(&rows, |row| k(unknown(row), 0.0));
         assert_eq!(predicted, frame.predict(&plainly, StiffnessRule::Positive), "{stiffness:?}");
     }
-}
-
-#[test]
-fn a_pushed_point_pushes_back() {
-    // A hinge about z holds the point (0.5, 0, 0) at (0.5, -0.04, 0): the spring turns it forward.
-    let robot = scene::hinge();
-    let poses = robot.forward(&[0.0]).unwrap();
-    let (rest, u) = (Point3::new(0.5, 0.0, 0.0), Vector3::new(0.0, -0.04, 0.0));
-    let w = lever(&robot, &poses, palpate::unstable::LinkId(1), &rest, &u);
-    assert!((w[0] - 0.02).abs() < 1e-15);
 }
 
 #[test]

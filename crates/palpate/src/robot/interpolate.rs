@@ -72,19 +72,20 @@ impl Robot {
 mod tests {
     use super::*;
 
+    fn joint(name: &str, kind: &str, parent: &str, child: &str, limit: f64) -> String {
+        format!(
+            "<joint name='{name}' type='{kind}'><parent link='{parent}'/><child link='{child}'/>\
+             <axis xyz='0 0 1'/><limit lower='-{limit}' upper='{limit}' effort='1' velocity='1'/>\
+             </joint>"
+        )
+    }
+
     #[test]
     fn an_angle_takes_the_shorter_way_round_and_a_slide_its_own() {
-        let joint = |name: &str, kind: &str, parent: &str, child: &str| {
-            format!(
-                "<joint name='{name}' type='{kind}'><parent link='{parent}'/><child \
-                 link='{child}'/><axis xyz='0 0 1'/><limit lower='-4' upper='4' effort='1' \
-                 velocity='1'/></joint>"
-            )
-        };
         let robot = Robot::from_urdf(&format!(
             "<robot name='two'><link name='a'/><link name='b'/><link name='c'/>{}{}</robot>",
-            joint("round", "continuous", "a", "b"),
-            joint("slide", "prismatic", "b", "c"),
+            joint("round", "continuous", "a", "b", 4.0),
+            joint("slide", "prismatic", "b", "c", 4.0),
         ))
         .unwrap();
         let between = robot.interpolate(&[3.0, 3.0], &[-3.0, -3.0], 0.5);
@@ -95,18 +96,11 @@ mod tests {
 
     #[test]
     fn positions_counted_from_0_to_360_degrees_become_those_of_the_joints() {
-        let joint = |name: &str, kind: &str, (parent, child): (&str, &str)| {
-            format!(
-                "<joint name='{name}' type='{kind}'><parent link='{parent}'/><child \
-                 link='{child}'/><axis xyz='0 0 1'/><limit lower='-2.4' upper='2.4' effort='1' \
-                 velocity='1'/></joint>"
-            )
-        };
         let links = ["a", "b", "c", "d"].map(|link| format!("<link name='{link}'/>")).concat();
         let joints = [
-            joint("round", "continuous", ("a", "b")),
-            joint("limited", "revolute", ("b", "c")),
-            joint("slide", "prismatic", ("c", "d")),
+            joint("round", "continuous", "a", "b", 2.4),
+            joint("limited", "revolute", "b", "c", 2.4),
+            joint("slide", "prismatic", "c", "d", 2.4),
         ];
         let urdf = format!("<robot name='three'>{links}{}</robot>", joints.concat());
         let robot = Robot::from_urdf(&urdf).unwrap();

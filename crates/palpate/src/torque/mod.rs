@@ -12,7 +12,7 @@
 //! | paper | here                             | value                      | shape    | unit   |
 //! |-------|----------------------------------|----------------------------|----------|--------|
 //! | Eq. 2 | [`lever`]                        | `w = −J(q, p+u)ᵀ u`        | n_joints | m²     |
-//! | Eq. 3 | [`Stiffness`]                    | K of κ, or of z            |          | N/m    |
+//! | Eq. 3 | [`StiffnessRule`]                | K of κ, or of z            |          | N/m    |
 //! | Eq. 5 | [`Observation::predict`]         | `τ̂ = Σ wᵢ Kᵢ`              | n_joints | N·m    |
 //! |       | [`Observation::weighted_gram`]   | `H P Hᵀ`, P diagonal       | n × n    | (N·m)² |
 //! |       | [`Observation::transpose_times`] | `Hᵀ d`, contact by contact |          |        |

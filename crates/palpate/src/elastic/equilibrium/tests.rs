@@ -38,7 +38,7 @@ fn cantilever(pieces: usize) -> Arc<ElasticBody> {
     Arc::new(ElasticBody::new(segments).expect("a body"))
 }
 
-/// Force, N, on the plate at each depth of the ball, m.
+/// Force, N, on the plate at each depth of a ball around z = 0, m.
 fn pressed(equilibrium: &mut Equilibrium, depths_m: &[f64]) -> Vec<f64> {
     let arm = Arc::clone(&equilibrium.arm);
     let force = |&depth: &f64| {
@@ -149,18 +149,10 @@ fn cushion(k_n_per_m: f64, higher_m: f64) -> Arc<ElasticBody> {
 
 /// Force, N, on the plate when it has gone down to this height, m.
 fn press_down(body: Arc<ElasticBody>, to_m: f64) -> f64 {
-    let arm = press();
     let config = ElasticContactConfig { stiffness_n_per_m: 2e4, ..stiff(0.0) };
-    let mut equilibrium = Equilibrium::new(Arc::clone(&arm), body, config);
-    let mut force = 0.0;
-    for step in 0..=40 {
-        let down = -0.1 + (0.1 + to_m) * f64::from(step) / 40.0;
-        let poses = arm.robot.forward(&[down]).expect("one joint");
-        let convergence = equilibrium.advance(&poses.world_from_link, Some(0.01));
-        assert_eq!(convergence.not_converged, 0, "at {down} m");
-        force = equilibrium.torques(&poses).sum().abs();
-    }
-    force
+    let depth_m = |step| BALL_M - 0.1 + (0.1 + to_m) * f64::from(step) / 40.0;
+    let depths_m: Vec<f64> = (0..=40).map(depth_m).collect();
+    pressed(&mut Equilibrium::new(press(), body, config), &depths_m)[40]
 }
 
 #[test]
