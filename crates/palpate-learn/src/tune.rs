@@ -138,8 +138,8 @@ impl Search {
     }
 
     /// Candidates drawn at random around the given settings. Takes minutes for ten touches.
-    pub fn thorough(config: &MapperConfig, effort: SearchBudget) -> Self {
-        let (candidates, given) = (draw(config, effort), FixedSettings::default());
+    pub fn thorough(config: &MapperConfig, budget: SearchBudget) -> Self {
+        let (candidates, given) = (draw(config, budget), FixedSettings::default());
         Self { candidates, given, frames: FRAMES, one_by_one: true }
     }
 
@@ -370,13 +370,13 @@ fn mean_score<'a>(touches: &(impl Iterator<Item = &'a Score> + Clone)) -> f64 {
 }
 
 /// Random candidates around the given settings. The given settings are the first, those for hard objects the last.
-fn draw(config: &MapperConfig, effort: SearchBudget) -> Vec<MapperConfig> {
-    let mut rng = ChaCha8Rng::seed_from_u64(effort.seed);
+fn draw(config: &MapperConfig, budget: SearchBudget) -> Vec<MapperConfig> {
+    let mut rng = ChaCha8Rng::seed_from_u64(budget.seed);
     let mut pick = |n: usize| ((u64::from(rng.next_u32()) * n as u64) >> 32) as usize;
     let mut candidates = vec![config.clone()];
-    let tries = 20 * effort.candidates;
+    let tries = 20 * budget.candidates;
     for _ in 0..tries {
-        if candidates.len() + 1 >= effort.candidates {
+        if candidates.len() + 1 >= budget.candidates {
             break; // the last place is for hard objects
         }
         let mut candidate = config.clone();
@@ -399,7 +399,7 @@ fn draw(config: &MapperConfig, effort: SearchBudget) -> Vec<MapperConfig> {
     let mut hard = config.clone();
     set_contact(&mut hard.contact, HARD_CONTACT, FixedSettings::default());
     hard.estimator.prior.std_n_per_m *= HARD_PRIOR_STD;
-    if candidates.len() < effort.candidates {
+    if candidates.len() < budget.candidates {
         candidates.push(hard);
     }
     candidates

@@ -103,8 +103,7 @@ pub use field::{Field, Prediction, Predictor};
 pub use lattice::{CellId, Lattice, LatticeError};
 pub use mapper::{Mapper, MapperConfig, MapperError, Snapshot, StepReport};
 pub use path_predictor::{
-    CLUSTER_WEIGHT, MAX_BODY_STOPS, MAX_POINTS, MAX_STOPS, PathConfig, PathError, PathPoint,
-    PathPrediction, PathPredictor,
+    CLUSTER_WEIGHT, MAX_POINTS, PathConfig, PathError, PathPoint, PathPrediction, PathPredictor,
 };
 pub use replay::{MemoryLimits, ReplayPolicy};
 pub use robot::{Payload, Robot, RobotError};

@@ -87,8 +87,8 @@ pub enum TrackerError {
 }
 
 impl From<MotionError> for TrackerError {
-    fn from(lost: MotionError) -> Self {
-        match lost {
+    fn from(error: MotionError) -> Self {
+        match error {
             MotionError::Robot(error) => Self::Robot(error),
             MotionError::Jump { joint, from, to } => Self::Jump { joint, from, to },
         }

@@ -38,8 +38,7 @@ impl Settings {
         let config = self.with_lattice(base.lattice.clone(), &base);
         config.contact.check().map_err(SettingsError::value)?;
         config.touch.check().map_err(SettingsError::value)?;
-        let n_joints = config.estimator.torque_std.len(); // their number is compared with the robot's later
-        config.estimator.torque_variance(n_joints).map_err(SettingsError::value)?;
+        config.estimator.check().map_err(SettingsError::value)?;
         self.log.check()
     }
 

@@ -164,23 +164,33 @@ impl EstimatorConfig {
         }
     }
 
-    /// Checks every setting against its range and returns R's diagonal, (N·m)², n_joints.
+    /// Checks every setting that is a number against its range.
     ///
     /// # Errors
     ///
     /// Names the first setting out of range.
-    pub fn torque_variance(&self, n_joints: usize) -> Result<DVector<f64>, EstimatorError> {
+    pub fn check(&self) -> Result<(), SettingError> {
         let (check, prior) = (SettingError::check, &self.prior);
         check("prior_mean", prior.mean_n_per_m, 0.0..=LARGEST, "from 0 to 1e9 N/m")?;
         check("drift_std", self.drift_std_n_per_m, 0.0..=LARGEST, "from 0 to 1e9 N/m")?;
         check("prior_std", prior.std_n_per_m, SMALLEST..=LARGEST, "from 1e-9 to 1e9 N/m")?;
         check("stiffness_scale", self.stiffness_scale, 0.0..=1.0, "from 0 to 1")?;
+        for &std in &self.torque_std {
+            check("torque_std", std, SMALLEST..=LARGEST, "from 1e-9 to 1e9 N·m")?;
+        }
+        Ok(())
+    }
+
+    /// R's diagonal, (N·m)², n_joints.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::check`], or if there is neither one standard deviation of the torque nor one for each joint.
+    pub fn torque_variance(&self, n_joints: usize) -> Result<DVector<f64>, EstimatorError> {
+        self.check()?;
         if self.torque_std.len() != 1 && self.torque_std.len() != n_joints {
             let got = self.torque_std.len();
             return Err(EstimatorError::TorqueStdCount { got, expected: n_joints });
-        }
-        for &std in &self.torque_std {
-            check("torque_std", std, SMALLEST..=LARGEST, "from 1e-9 to 1e9 N·m")?;
         }
         let std = |joint: usize| self.torque_std[joint.min(self.torque_std.len() - 1)];
         Ok(DVector::from_fn(n_joints, |joint, _| std(joint).powi(2)))

@@ -45,8 +45,8 @@ impl Default for PathConfig {
 pub const MAX_POINTS: usize = 100_000;
 
 /// Largest number of stops, and of sub-steps, of a path; they take a few seconds.
-pub const MAX_STOPS: usize = 10_000;
+pub(super) const MAX_STOPS: usize = 10_000;
 
 /// Largest number of waypoints (stops and sub-steps together) of a path that bends an elastic body; they take some ten
 /// seconds.
-pub const MAX_BODY_STOPS: usize = 2_000;
+pub(super) const MAX_BODY_STOPS: usize = 2_000;

@@ -37,8 +37,8 @@ pub enum PathError {
 }
 
 impl PathError {
-    pub(super) fn at(point: usize, lost: MotionError) -> Self {
-        match lost {
+    pub(super) fn at(point: usize, error: MotionError) -> Self {
+        match error {
             MotionError::Robot(reason) => Self::Point { point, reason },
             MotionError::Jump { joint, from, to } => Self::Jump { point, joint, from, to },
         }

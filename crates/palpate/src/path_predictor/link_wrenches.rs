@@ -1,7 +1,7 @@
 //! Wrenches of the springs on the links at the stops of a path, and torques between two stops.
 //!
-//! A spring at rest point p, displaced by u, pushes its link with the wrench `−K w`, `w = (u, p × u)` about the world's
-//! origin ([`crate::torque`]). Only the sums of `K w`, `σ² w wᵀ` and `K² w wᵀ` over the springs of a link are needed:
+//! A spring at rest point p, displaced by u, pushes its link with the wrench `−K s`, `s = (u, p × u)` about the world's
+//! origin ([`crate::torque`]). Only the sums of `K s`, `σ² s sᵀ` and `K² s sᵀ` over the springs of a link are needed:
 //! the spatial Jacobian J of the link converts them to torques and variances.
 
 use nalgebra::{DVector, Matrix6, Point3, Vector6};
@@ -14,11 +14,11 @@ use crate::robot::{LinkId, Poses, Robot};
 /// Sums over all springs on one link at one stop.
 #[derive(Debug, Clone)]
 struct Push {
-    /// `Σ K w`: force, N, and moment about the world's origin, N·m, on the springs.
+    /// `Σ K s`: force, N, and moment about the world's origin, N·m, on the springs.
     wrench: Vector6<f64>,
-    /// `Σ σ² w wᵀ`, lower triangle only.
+    /// `Σ σ² s sᵀ`, lower triangle only.
     covariance: Matrix6<f64>,
-    /// `Σ K² w wᵀ`, lower triangle only.
+    /// `Σ K² s sᵀ`, lower triangle only.
     squares: Matrix6<f64>,
 }
 
@@ -52,18 +52,18 @@ impl LinkWrenches {
         displaced: &Displaced,
     ) {
         let (u, moment) = (displaced.displacement_m, rest.coords.cross(&displaced.displacement_m));
-        let w = Vector6::new(u.x, u.y, u.z, moment.x, moment.y, moment.z);
+        let s = Vector6::new(u.x, u.y, u.z, moment.x, moment.y, moment.z);
         let pushes = &mut self.pushes[displaced.link.index()];
         if pushes.is_empty() {
             pushes.resize(self.counts.len(), Push::nothing());
         }
         let Push { wrench, covariance, squares } = &mut pushes[stop];
-        *wrench += spring.stiffness_n_per_m * w;
+        *wrench += spring.stiffness_n_per_m * s;
         for column in 0..6 {
-            let factors = [spring.variance * w[column], spring.square * w[column]];
+            let factors = [spring.variance * s[column], spring.square * s[column]];
             for row in column..6 {
-                covariance[(row, column)] += factors[0] * w[row];
-                squares[(row, column)] += factors[1] * w[row];
+                covariance[(row, column)] += factors[0] * s[row];
+                squares[(row, column)] += factors[1] * s[row];
             }
         }
         self.counts[stop][0] += spring.stands_for;

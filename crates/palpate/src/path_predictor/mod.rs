@@ -67,7 +67,8 @@ use nalgebra::{DVector, Isometry3};
 use rayon::prelude::*;
 
 pub use self::clusters::CLUSTER_WEIGHT;
-pub use self::config::{MAX_BODY_STOPS, MAX_POINTS, MAX_STOPS, PathConfig};
+use self::config::{MAX_BODY_STOPS, MAX_STOPS};
+pub use self::config::{MAX_POINTS, PathConfig};
 pub use self::error::PathError;
 use self::link_wrenches::LinkWrenches;
 use self::parallel::in_chunks;

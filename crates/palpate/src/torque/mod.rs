@@ -205,13 +205,13 @@ impl<'a> Run<'a> {
 #[derive(Debug, Clone)]
 pub struct ObservationBuilder {
     rows: CellRows,
-    runs: RowCache,
+    row_cache: RowCache,
 }
 
 impl ObservationBuilder {
     /// A builder that continues the numbering of cells in `rows`.
     pub fn new(rows: CellRows) -> Self {
-        Self { rows, runs: RowCache::default() }
+        Self { rows, row_cache: RowCache::default() }
     }
 
     /// The numbering of cells so far.
@@ -240,7 +240,7 @@ impl ObservationBuilder {
         for link in &contacts.links {
             stream.push(link.cells.len() as f64);
             stream.extend_from_slice(robot.spatial_jacobian(poses, link.link).as_slice());
-            let rows = self.runs.follow(link.link.index(), &link.cells, &mut self.rows);
+            let rows = self.row_cache.follow(link.link.index(), &link.cells, &mut self.rows);
             for (four, rows) in link.displacements_m.chunks(LANES).zip(rows.chunks(LANES)) {
                 let numbers: [f64; BLOCK] =
                     cast(block(four.iter().copied().zip(rows.iter().copied())));

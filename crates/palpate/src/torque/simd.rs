@@ -283,7 +283,7 @@ pub(super) const fn entry(i: usize, j: usize) -> usize {
     i * (i + 1) / 2 + j
 }
 
-/// `Σ sᵢ wᵢ wᵢᵀ` over wrenches: a lower triangle, row by row; `weight` gives s of a row.
+/// `Σ aᵢ sᵢ sᵢᵀ` over the contacts, with sᵢ = (u, p × u): a lower triangle, row by row; `weight` gives a of a row.
 pub(super) struct Gram<'a, F> {
     pub(super) cells: &'a [CellState],
     pub(super) weight: F,
@@ -312,8 +312,8 @@ impl<F: Fn(usize) -> f64> Sum for Gram<'_, F> {
     }
 }
 
-/// `wᵢᵀ M wᵢ` over wrenches of every contact, for a symmetric M given by its lower triangle, row by row, with doubled
-/// off-diagonal entries.
+/// `sᵢᵀ M sᵢ` of every contact, with sᵢ = (u, p × u), for a symmetric M given by its lower triangle, row by row, with
+/// doubled off-diagonal entries.
 pub(super) struct Quadratic<'a, T> {
     pub(super) cells: &'a [CellState],
     pub(super) form: [f64; TRIANGLE],
