@@ -55,6 +55,8 @@ pub(crate) struct ConventionEvidence {
     /// Slope and explained share for the first samples of the touches.
     slope_at_start: f64,
     explained_at_start: f64,
+    /// Whether the torques of some joints follow gravity with the sign plus, and those of others with the sign minus.
+    has_negated_joints: bool,
     work: Work,
 }
 
@@ -71,6 +73,22 @@ fn slope(torques: &[(Vec<f64>, Vec<f64>)]) -> (f64, f64) {
     } else {
         (0.0, 0.0)
     }
+}
+
+/// Whether gravity shows the sign plus at some joints and minus at others, each with about the right size.
+fn has_negated_joints(torques: &[(Vec<f64>, Vec<f64>)]) -> bool {
+    let joints = torques.first().map_or(0, |(gravity, _)| gravity.len());
+    let slope_of = |joint: usize| {
+        let of_joint =
+            |(gravity, tau): &(Vec<f64>, Vec<f64>)| (vec![gravity[joint]], vec![tau[joint]]);
+        let of_joint: Vec<_> = torques.iter().map(of_joint).collect();
+        let has_gravity = residual(&of_joint, 0.0, 1.0).is_some_and(|size| size >= MIN_GRAVITY);
+        let (slope, explained) = slope(&of_joint);
+        (has_gravity && explained > EXPLAINED).then_some(slope)
+    };
+    let near = |sign: f64| move |slope: f64| (slope - sign).abs() < NEAR_SLOPE;
+    let slopes: Vec<f64> = (0..joints).filter_map(slope_of).collect();
+    [1.0, -1.0].into_iter().all(|sign| slopes.iter().copied().any(near(sign)))
 }
 
 /// Work that torques do on an arm, summed from the start of each touch, J.
@@ -159,6 +177,7 @@ impl ConventionEvidence {
             explained,
             slope_at_start,
             explained_at_start,
+            has_negated_joints: has_negated_joints(&torques),
             work: Work::of(robot, touches, still_rad),
         })
     }
@@ -227,7 +246,9 @@ impl ConventionEvidence {
             _ if !near && least > BETTER * self.gravity => Err(Undecided::NoFit(self)),
             _ if !near && !clear => Err(Undecided::Ambiguous(self)),
             Gravity::Included => Ok(found(torque_sign, held)),
-            Gravity::Removed if self.is_proportional() => Err(Undecided::NoFit(self)),
+            Gravity::Removed if self.is_proportional() || self.has_negated_joints => {
+                Err(Undecided::NoFit(self))
+            }
             Gravity::Removed => removed(held),
         }
     }
@@ -291,7 +312,10 @@ impl fmt::Display for Undecided {
                 f,
                 "no combination of sign and gravity explains the torques: they are {torque} N·m, {slope:.2} times \
                  the torques of gravity ({gravity} N·m); {}",
-                if IN_THOUSANDTHS.contains(&slope.abs()) {
+                if of.has_negated_joints {
+                    "some joints have the opposite sign of the others: `palpate inspect` names them; negate their \
+                     columns in the log"
+                } else if IN_THOUSANDTHS.contains(&slope.abs()) {
                     "are they in mN·m? wanted N·m"
                 } else {
                     "a unit, the robot, a payload or the order of the joints may be wrong, or these may be motor \
@@ -403,6 +427,30 @@ mod tests {
         // Half of gravity could be either.
         let found = decide(&touch(1.0, 0.5, [0.0, 0.05]), KnownConvention::default());
         assert!(matches!(found, Err(Undecided::Ambiguous(_))), "{found:?}");
+    }
+
+    #[test]
+    fn negated_columns_are_no_proof_that_gravity_is_removed() {
+        // Two joints with about as much gravity, so that the sum shows neither sign.
+        let gravity = |step: usize| vec![8.0 + (0.1 * step as f64).sin(), -8.0];
+        let pairs = |signs: [f64; 2]| -> Vec<_> {
+            let tau = |step| gravity(step).iter().zip(signs).map(|(g, sign)| sign * g).collect();
+            (0..100).map(|step| (gravity(step), tau(step))).collect()
+        };
+        assert!(has_negated_joints(&pairs([1.0, -1.0])) && has_negated_joints(&pairs([-1.0, 1.0])));
+        assert!(
+            !has_negated_joints(&pairs([-1.0, -1.0])) && !has_negated_joints(&pairs([1.0, 0.1]))
+        );
+        let mut evidence = ConventionEvidence::of(
+            &Robot::built_in("kinova_gen3").unwrap(),
+            &[&touch(1.0, 0.0, [8.0, 1.0])],
+            0.002,
+        )
+        .unwrap();
+        assert_eq!(evidence.decide(KnownConvention::default()).unwrap().gravity, Gravity::Removed);
+        evidence.has_negated_joints = true;
+        let refused = evidence.decide(KnownConvention::default()).unwrap_err().to_string();
+        assert!(refused.contains("opposite sign of the others"), "{refused}");
     }
 
     #[test]
