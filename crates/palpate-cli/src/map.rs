@@ -8,8 +8,9 @@ use std::time::{Duration, Instant};
 use palpate::unstable::{ElasticBody, ElasticModel};
 use palpate::{Arm, Calibration, EstimatorKind, Mapper, Sample, StepReport};
 use palpate_io::field::{self, SavedField};
+use palpate_work::Progress;
 use palpate_work::elastic;
-use palpate_work::learn::{CellCounts, LearningSummary, learn};
+use palpate_work::learn::{CellCounts, ErrorsAndZero, LearningSummary, learn};
 use palpate_work::settings::sections::RobotSettings;
 use palpate_work::tune::{Tune, quickly_tuned};
 use palpate_work::{prior, resume};
@@ -184,6 +185,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if let (Some(path), Some(format)) = (&args.picture, format) {
         format.write(path, &picture::field(&saved.field)?)?;
     }
+    warn_if_worse_than_zero(&tally, output);
     let pace = pace.as_ref().map(Pace::figures);
     let (cells, body) = (CellCounts::of(&mapper), saved.field.elastic.as_deref());
     let summary =
@@ -192,6 +194,20 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         output.json(&summary.json(started.elapsed()))
     } else {
         output.result(&summary.text(started.elapsed()))
+    }
+}
+
+/// Warns if the field predicted the frames that came next worse than zero does.
+fn warn_if_worse_than_zero(tally: &LearningSummary, output: &Output) {
+    let ErrorsAndZero { errors, zero } = tally.before_learning();
+    if let (Some(error), Some(zero)) = (errors.avg_error, zero.avg_error)
+        && error > 1.05 * zero
+    {
+        output.warn(&format!(
+            "while it learned, the field predicted the next frame worse than zero does ({error:.3} against {zero:.3} N·m): \
+             these may not be torques of an object, but friction, inertia or bias; `palpate inspect` and `palpate \
+             identify` find these"
+        ));
     }
 }
 
@@ -336,7 +352,10 @@ impl Summary<'_> {
             ("estimator", config.method.name().to_owned()),
             ("touches", tally.touches.len().to_string()),
             ("frames", tally.total(|touch| touch.frames).to_string()),
-            ("of them for the tare", tally.total(|touch| touch.tare_frames).to_string()),
+            (
+                "of them at the start, not learnt",
+                tally.total(|touch| touch.tare_frames).to_string(),
+            ),
             ("contacts (median in contact)", tally.contacts_median().to_string()),
             ("cells touched", self.cells.touched.to_string()),
         ];

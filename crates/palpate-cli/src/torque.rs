@@ -36,6 +36,9 @@ A contact is reported where the torque of any joint, divided by its standard dev
 threshold. Contact-free motion exceeds this threshold --false-alarms times per hour; it is \
 determined from the logs of --free, or from the motion that was held out in identification.";
 
+/// Largest number of contacts that are printed as text.
+const SHOWN_CONTACTS: usize = 40;
+
 /// Flags of `palpate torque`.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = NOTES)]
@@ -125,7 +128,15 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             "rms_n_m": each(rms_torque), "std_n_m": each(median_std),
         }));
     }
-    output.result(&text(&found, &joints, &contacts, (threshold, from, per_hour)))?;
+    let source = in_words(from, per_hour, settings.robot.arm.is_some());
+    output.result(&torque_table(&found, &joints))?;
+    output.result(&format!(
+        "\nContact threshold: {threshold:.1} standard deviations ({source}).\n"
+    ))?;
+    output.result(&match contacts.is_empty() {
+        true => nothing_found(&found, from),
+        false => contact_table(&contacts),
+    })?;
     match &args.output {
         Some(path) => output.result(&format!("The torques are in `{}`.\n", path.display())),
         None => Ok(()),
@@ -227,12 +238,24 @@ fn median_std(touch: &TouchTorques) -> Vec<f64> {
     of_joints(touch, |frame| frame.external.std.as_slice(), median)
 }
 
-fn text(
-    found: &[TouchTorques],
-    joints: &[String],
-    contacts: &[ContactInterval],
-    (threshold, from, per_hour): (f64, ThresholdSource, f64),
-) -> String {
+/// What the contact threshold was found from.
+fn in_words(from: ThresholdSource, per_hour: f64, is_identified: bool) -> String {
+    match from {
+        ThresholdSource::Guess if is_identified => {
+            "a guess, since the arm was identified on logs without a clock; give --free".to_owned()
+        }
+        ThresholdSource::Guess => "a guess; give --free, or identify the arm".to_owned(),
+        ThresholdSource::Identification => format!(
+            "expected false alarms: {per_hour} per hour, from the motion that identification held out"
+        ),
+        ThresholdSource::FreeLogs => {
+            format!("expected false alarms: {per_hour} per hour, from the logs of --free")
+        }
+    }
+}
+
+/// The size of the external torque at each joint, for each touch.
+fn torque_table(found: &[TouchTorques], joints: &[String]) -> String {
     let mut head = vec!["touch", "samples"];
     head.extend(joints.iter().map(String::as_str));
     let rows = found.iter().map(|touch| {
@@ -240,30 +263,32 @@ fn text(
         let each = torque.iter().zip(std).map(|(torque, std)| format!("{torque:.2} ({std:.2})"));
         [touch.name.clone(), touch.frames.len().to_string()].into_iter().chain(each).collect()
     });
-    let mut text =
-        "External torque, root mean square, N·m (in brackets: the median of its standard deviation)\n\n"
-            .to_owned();
-    text += &table(&head, rows);
-    text += &format!(
-        "\nContact threshold: {threshold:.1} standard deviations ({}).\n",
-        match from {
-            ThresholdSource::Guess => "a guess; give --free, or identify the arm".to_owned(),
-            ThresholdSource::Identification => format!(
-                "expected false alarms: {per_hour} per hour, from the motion that identification held out"
-            ),
-            ThresholdSource::FreeLogs =>
-                format!("expected false alarms: {per_hour} per hour, from the logs of --free"),
-        }
-    );
-    if contacts.is_empty() {
-        return text + &nothing_found(found, from);
-    }
-    let rows = contacts.iter().map(|contact| {
-        let [from, to] = contact.time_s.unwrap_or(contact.samples.map(|sample| sample as f64));
-        let largest = format!("{:.2}", contact.largest_n_m);
-        vec![contact.touch.clone(), format!("{from:.2}"), format!("{to:.2}"), largest]
+    let title = "External torque, root mean square, N·m (in brackets: the median of its standard deviation)";
+    format!("{title}\n\n{}", table(&head, rows))
+}
+
+/// The contacts, or the largest ones if there are many.
+fn contact_table(contacts: &[ContactInterval]) -> String {
+    let mut by_size: Vec<usize> = (0..contacts.len()).collect();
+    by_size.sort_by(|a, b| contacts[*b].largest_n_m.total_cmp(&contacts[*a].largest_n_m));
+    by_size.truncate(SHOWN_CONTACTS);
+    by_size.sort_unstable();
+    let shown = by_size.into_iter().map(|number| &contacts[number]);
+    let rows = shown.map(|contact| {
+        let [from, to] = match contact.time_s {
+            Some(times_s) => times_s.map(|time_s| format!("{time_s:.2}")),
+            None => contact.samples.map(|sample| sample.to_string()),
+        };
+        vec![contact.touch.clone(), from, to, format!("{:.2}", contact.largest_n_m)]
     });
     let unit = if contacts[0].time_s.is_some() { "s" } else { "sample" };
     let (from, to) = (format!("from {unit}"), format!("to {unit}"));
-    text + "\n" + &table(&["contact in", &from, &to, "largest N·m"], rows)
+    let table = table(&["contact in", &from, &to, "largest N·m"], rows);
+    let more = match contacts.len() > SHOWN_CONTACTS {
+        true => {
+            format!("These are the largest of {} contacts; --json lists all.\n", contacts.len())
+        }
+        false => String::new(),
+    };
+    format!("\n{table}{more}")
 }

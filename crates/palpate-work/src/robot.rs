@@ -51,10 +51,16 @@ pub fn warn_of_other_robot(
         None => name == arm.robot.name(),
     };
     if !is_own {
+        let own = arm.robot.name();
+        let which = match name == own {
+            true => format!(
+                "`{name}` with other joints, masses or shapes than those of the robot of this log"
+            ),
+            false => format!("another robot (`{name}`) than the one of this log (`{own}`)"),
+        };
         progress.warn(&format!(
-            "the field was learnt with another robot (`{name}`) than the one of this log (`{}`); give the robot of the \
-             field with --robot, --payload-link and --bake-spacing-m",
-            arm.robot.name()
+            "the field was learnt with {which}; give the robot of the field with --robot, --payload-link and \
+             --bake-spacing-m"
         ));
     }
 }

@@ -43,6 +43,11 @@ impl ObjectMotion {
         x.hypot(y) > 0.97 * FARTHEST_M || self.turn_rad.abs() > 0.97 * LARGEST_TURN
     }
 
+    /// Whether the motion is too small to be told from none: less than 1 mm and 0.2°.
+    pub(super) fn is_none(&self) -> bool {
+        Vector3::from(self.shift_m).norm() < 1e-3 && self.turn_rad.abs() < 0.2_f64.to_radians()
+    }
+
     /// Where a point of the object was before the motion.
     pub(super) fn back(&self, point: &Point3<f64>) -> Point3<f64> {
         let about = Vector2::from(self.about_m);

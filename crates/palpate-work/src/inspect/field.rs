@@ -241,7 +241,8 @@ impl MemoryFacts {
         Self {
             method: config.method,
             estimator: config.estimator.clone(),
-            prior_std_n_per_m: config.estimator.prior.at_spacing(spacing_m).1,
+            prior_std_n_per_m: config.estimator.stiffness_scale
+                * config.estimator.prior.at_spacing(spacing_m).1,
             touches: snapshot.touches,
             remembered: snapshot.sample_log.iter().map(forget::name).collect(),
             frames: snapshot.state.remembered.len(),

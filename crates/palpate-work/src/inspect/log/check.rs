@@ -8,7 +8,7 @@ use std::cmp::Reverse;
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use palpate::{Arm, ExternalTorqueConfig, Robot, Sample};
+use palpate::{Arm, ExternalTorqueConfig, Gravity, Robot, Sample};
 use palpate_io::log::AngleUnit;
 
 use super::joints::{Matching, miscounted};
@@ -24,10 +24,11 @@ use crate::touches::{RecordedTouch, Touches};
 const MAX_FRAMES: usize = 250_000;
 /// Number of touches after which they are checked for the first time.
 const FIRST_TOUCHES: usize = 3;
-/// Codes of findings that do not apply to a running robot: those about a whole touch, and those about times and repeats
-/// of samples, since a mapper that keeps up skips samples.
-const NOT_LIVE: [&str; 7] =
-    ["never_moves", "no_contact", "no_start", "drift", "duplicate_frames", "gaps", "clock"];
+/// Codes of findings about a whole touch.
+const OF_WHOLE_TOUCHES: [&str; 4] = ["never_moves", "no_contact", "no_start", "drift"];
+/// Codes of other findings that do not apply to a running robot: those about times and repeats of samples, since a mapper
+/// that keeps up skips samples.
+const NOT_LIVE: [&str; 3] = ["duplicate_frames", "gaps", "clock"];
 
 /// Collects touches while they are tracked, and checks them.
 pub struct LogCheck {
@@ -107,7 +108,13 @@ impl LogCheck {
         if self.touches.len() == self.next {
             self.next *= 4;
             let read = counted(self.touches.len(), "touch");
-            self.warn(&format!("{}, of which {read} were read so far,", self.log()), progress)?;
+            let mut found = self.findings(progress)?;
+            // Without gravity, the sign follows from work, of which a few touches may show too little.
+            if self.set.gravity == Gravity::Removed {
+                found.retain(|finding| finding.code != "torque_sign");
+            }
+            let log = format!("{}, of which {read} were read so far,", self.log());
+            self.warn(&found, &log, progress)?;
         }
         self.begin_touch(touches.begun(name));
         Ok(())
@@ -134,7 +141,8 @@ impl LogCheck {
     /// that was not reported yet.
     pub fn look_live(&mut self, progress: &dyn Progress) -> Vec<String> {
         let mut found = self.findings(progress).unwrap_or_default();
-        found.retain(|finding| !NOT_LIVE.contains(&finding.code));
+        let codes = OF_WHOLE_TOUCHES.iter().chain(&NOT_LIVE);
+        found.retain(|finding| !codes.clone().any(|code| *code == finding.code));
         self.reported.extend(found.iter().map(|finding| finding.code));
         lines(&found, "the robot's log")
     }
@@ -157,20 +165,27 @@ impl LogCheck {
     ///
     /// If something looks wrong and the check is `strict`, or the progress stops it.
     pub fn check(&mut self, progress: &dyn Progress) -> Result<(), WorkError> {
-        self.warn(&self.log(), progress)
-    }
-
-    /// As [`Self::check`], with the name of the log in messages.
-    fn warn(&mut self, log: &str, progress: &dyn Progress) -> Result<(), WorkError> {
         let found = self.findings(progress)?;
-        self.reported.extend(found.iter().map(|finding| finding.code));
-        warn_of(&found, log, self.strict, progress)
+        self.warn(&found, &self.log(), progress)
     }
 
-    /// Warns of what may be the reason for an error.
+    /// Warns of findings; `log` names the log in messages.
+    fn warn(
+        &mut self,
+        found: &[Finding],
+        log: &str,
+        progress: &dyn Progress,
+    ) -> Result<(), WorkError> {
+        self.reported.extend(found.iter().map(|finding| finding.code));
+        warn_of(found, log, self.strict, progress)
+    }
+
+    /// Warns of what may be the reason for an error in the present touch, of which the rest was not read.
     pub fn explain(mut self, progress: &dyn Progress) {
         self.strict = false;
-        let _ = self.check(progress);
+        let mut found = self.findings(progress).unwrap_or_default();
+        found.retain(|finding| !OF_WHOLE_TOUCHES.contains(&finding.code));
+        let _ = self.warn(&found, &self.log(), progress);
     }
 
     /// What looks wrong and was not reported yet, errors first.
