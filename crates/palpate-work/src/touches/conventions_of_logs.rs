@@ -9,7 +9,7 @@ use palpate::{Arm, ExternalTorqueConfig, Gravity, Robot, Sample, TorqueSign};
 use palpate_io::log::{AngleUnit, LogEvent, reorder};
 
 use super::{RecordedTouch, Touches, is_external, is_of_currents};
-use crate::conventions::{ConventionEvidence, KnownConvention, Undecided};
+use crate::conventions::{ConventionEvidence, KnownConvention, TorqueConvention, Undecided};
 use crate::error::WorkError;
 use crate::held_joints;
 use crate::inspect::{are_degrees, are_radians, is_misread};
@@ -133,6 +133,33 @@ impl Touches {
         touches.find(|(_, is_other, _)| *is_other).map(|(path, _, name)| (path, name))
     }
 
+    /// The end of an error if the torques of two logs show different conventions.
+    fn logs_of_two_conventions(
+        &self,
+        robot: &Robot,
+        still_rad: f64,
+        given: KnownConvention,
+    ) -> Option<String> {
+        let of_log = |log: usize, path: &Path| {
+            let touches = touches_of(self.logs.ahead_of(log), robot)?;
+            let samples: Vec<&[Sample]> = touches.iter().map(|touch| &touch.samples[..]).collect();
+            let found = ConventionEvidence::of(robot, &samples, still_rad)?.decide(given).ok()?;
+            (!found.is_without_torque()).then(|| (path.display().to_string(), found))
+        };
+        let logs = self.logs.all().enumerate();
+        let found: Vec<(String, TorqueConvention)> =
+            logs.filter_map(|(log, (path, _))| of_log(log, path)).collect();
+        let (first, one) = found.first()?;
+        let differs = |other: &TorqueConvention| {
+            let has_gravity = one.gravity == Gravity::Included;
+            other.gravity != one.gravity || has_gravity && other.torque_sign != one.torque_sign
+        };
+        let (second, other) = found.iter().find(|(_, other)| differs(other))?;
+        Some(format!(
+            "`{first}`: {one}; but `{second}`: {other}; give these logs to separate commands"
+        ))
+    }
+
     pub(super) fn first_path(&self) -> String {
         self.logs.all().next().map_or(String::new(), |(path, _)| path.display().to_string())
     }
@@ -169,7 +196,14 @@ impl Touches {
         if is_misread(&mut touches, &arm.robot, (self.checked.0, &set)) {
             return Ok(()); // the check of the log warns of it
         }
-        match evidence.decide(KnownConvention { torque_sign, gravity }) {
+        let given = KnownConvention { torque_sign, gravity };
+        let decided = evidence.decide(given);
+        if decided.is_err()
+            && let Some(differ) = self.logs_of_two_conventions(&arm.robot, set.still_rad, given)
+        {
+            return Err(WorkError::Usage(differ));
+        }
+        match decided {
             Ok(found) => {
                 let by_work = evidence.sign_by_work().filter(|_| found.gravity == Gravity::Removed);
                 let is_contradicted = by_work.is_some_and(|own| own != found.torque_sign);

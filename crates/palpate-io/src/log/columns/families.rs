@@ -106,3 +106,24 @@ pub(super) fn pairs<'a>(
     };
     pairs.iter().filter(|pair| Some(measured(pair)) == most(pair)).copied().collect()
 }
+
+/// Why a family of positions and one of torques are no pair: the end of a message to the user.
+pub(super) fn unpaired(header: &[String], q: &Family, tau: &Family) -> String {
+    let columns = |own: &Family, wanted: &dyn Fn(&Label) -> bool| {
+        let members = own.members.iter().filter(|(label, _)| wanted(label));
+        let names: Vec<String> =
+            members.map(|(_, place)| format!("`{}`", header[*place])).take(3).collect();
+        names.join(", ")
+    };
+    let is_double =
+        |own: &Family, label: &Label| own.labels.iter().filter(|other| *other == label).count() > 1;
+    let parts = [
+        ("no torque belongs to", columns(q, &|label| !tau.labels.contains(label))),
+        ("no position belongs to", columns(tau, &|label| !q.labels.contains(label))),
+        ("there are several columns", columns(q, &|label| is_double(q, label))),
+        ("there are several columns", columns(tau, &|label| is_double(tau, label))),
+    ];
+    let parts = parts.iter().filter(|(_, columns)| !columns.is_empty());
+    let parts: Vec<String> = parts.map(|(what, columns)| format!("{what} {columns}")).collect();
+    format!("positions and torques are not of the same joints: {}", parts.join("; "))
+}

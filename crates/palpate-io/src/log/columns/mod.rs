@@ -34,7 +34,7 @@ use regex::Regex;
 use super::event::LoggedTorques;
 use super::files::FileDescription;
 use super::options::CsvColumns;
-use families::{Family, families, pairs};
+use families::{Family, families, pairs, unpaired};
 use names::{CURRENTS, EXTERNAL_TORQUES, JOINT_NAMES, Label};
 pub(super) use names::{POSITIONS, Spelling, TORQUES};
 pub(super) use time::{Time, date_s};
@@ -154,7 +154,7 @@ impl Columns {
             return Err(match (positions.is_empty(), torques.is_empty(), pairs.is_empty()) {
                 (true, _, _) => "no column has a known name of joint positions".to_owned(),
                 (_, true, _) => "no column has a known name of joint torques".to_owned(),
-                (_, _, true) => "positions and torques are not of the same joints".to_owned(),
+                (_, _, true) => unpaired(header, &positions[0], &torques[0]),
                 _ => "more than one set of columns looks like positions and torques".to_owned(),
             });
         };
@@ -451,8 +451,9 @@ mod tests {
         for (header, wanted) in [
             ("a,b,c", "known name of joint positions"),
             ("q1,q2,dq1", "known name of joint torques"),
-            ("q1,q2,tau1", "not of the same joints"),
-            ("q0,q1,tau1,tau2", "not of the same joints"),
+            ("q1,q2,tau1", "not of the same joints: no torque belongs to `q2`"),
+            ("q1,q2,tau1,tau2,tau2", "several columns `tau2`, `tau2`"),
+            ("q0,q1,tau1,tau2", "no torque belongs to `q0`; no position belongs to `tau2`"),
             ("q1,q3,tau1,tau3", "gaps"),
             ("q1,q1,tau1,tau1", "gaps or repeat"),
             ("q1,pos1,tau1", "more than one"),

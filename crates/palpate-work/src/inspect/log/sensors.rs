@@ -30,6 +30,9 @@ const CUT_TIMES: usize = 4;
 /// Share of the effort limit from which on a sensor may be saturated.
 const SATURATED: f64 = 0.99;
 
+/// Torques of more than this multiple of the effort limit are not cut off by the sensor, but in another unit.
+const BEYOND: f64 = 5.0;
+
 /// Everything that looks wrong; without a robot, joints have no effort limits.
 pub(super) fn findings(
     touches: &[RecordedTouch],
@@ -125,6 +128,17 @@ fn saturated(
     (joint, name): (usize, &str),
     effort: f64,
 ) -> Option<Finding> {
+    let torques = touches.iter().flat_map(|touch| &touch.samples).map(|sample| sample.tau[joint]);
+    let largest = torques.map(f64::abs).fold(0.0, f64::max);
+    if largest > BEYOND * effort {
+        let (largest, effort) = (number(largest), number(effort));
+        let what = format!(
+            "the torque of joint `{name}` reaches {largest} N·m, far beyond its limit of {effort} N·m"
+        );
+        let remedy = "check the unit of this column (wanted N·m; a thousand times too large are mN·m), and the effort \
+                      limit in the URDF";
+        return Some(Finding::warning("torque_unit", what, remedy).at(&[name]));
+    }
     let is_full = |sample: &Sample| sample.tau[joint].abs() >= SATURATED * effort;
     let what = format!("reaches its limit of {} N·m", number(effort));
     capped(touches, name, ("saturation", &what), is_full)

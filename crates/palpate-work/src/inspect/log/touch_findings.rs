@@ -222,6 +222,7 @@ impl JudgedFigures<'_> {
     /// Torques that remain at the end although the arm is back where it began.
     fn drift(&self) -> Option<Finding> {
         let left = |touch: &TouchFacts| {
+            touch.tare.as_ref()?; // without one, the torques need not begin at zero either
             let end = touch.end_external.as_ref()?;
             let joints = self.robot.joints().iter().zip(end);
             let off = joints.filter(|(joint, tau)| tau.abs() > unusual(joint, 0.3, 0.02));
