@@ -5,7 +5,7 @@ mod common;
 
 use std::fs;
 
-use common::{Scene, npy, palpate, refuse, stderr, succeed};
+use common::{Scene, holds, npy, palpate, refuse, stderr, stdout, succeed};
 
 /// Maps a log that must be refused.
 #[track_caller]
@@ -106,8 +106,7 @@ fn a_file_that_is_no_robot_is_named() {
 #[test]
 fn settings_out_of_range_are_refused() {
     let scene = Scene::new();
-    let mut command = palpate();
-    command.arg("map").arg(scene.path("log")).args(scene.settings());
+    let mut command = scene.command("map", &["log"]);
     command.arg("-o").arg(scene.path("out/field.npz"));
     refuse(command.args(["--spacing-m", "0"]), 2, &["spacing is 0 m", "positive"]);
     assert!(scene.results().is_empty());
@@ -212,20 +211,15 @@ fn a_file_beyond_the_memory_limit_is_refused_and_read_with_a_larger_limit() {
     scene.touch("log/long", 60_000, 0.0);
     succeed(&mut scene.map(&["log/long"], &["--replays", "0"]));
     let bounded = |gib: &str, command: &str, file: &str| {
-        let mut palpate = palpate();
-        palpate
-            .args(["--file-memory", gib, command, "--json"])
-            .arg(scene.path(file))
-            .args(scene.settings());
-        palpate
+        let mut command = scene.command(command, &[file]);
+        command.args(["--file-memory", gib, "--json"]);
+        command
     };
     for file in ["log", "out/field.npz"] {
         let output = bounded("0.001", "inspect", file).output().unwrap();
-        let report = String::from_utf8(output.stdout).unwrap();
+        let report = stdout(&output);
         assert_eq!(output.status.code(), Some(1), "{report}");
-        for word in [file, "0.001 GiB", "--file-memory GIB"] {
-            assert!(report.contains(word), "`{word}` is not in {report}");
-        }
+        holds(&report, &[file, "0.001 GiB", "--file-memory GIB"]);
         succeed(&mut bounded("0.1", "inspect", file));
     }
 }

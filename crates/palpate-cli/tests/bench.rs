@@ -5,13 +5,12 @@ mod common;
 
 use std::process::Command;
 
-use common::{Scene, json, palpate, refuse, succeed};
+use common::{Scene, holds, json, palpate, refuse, succeed};
 use serde_json::Value;
 
 /// `palpate bench` of some logs, with settings that make it fast.
 fn bench(scene: &Scene, logs: &[&str], more: &[&str]) -> Command {
-    let mut command = palpate();
-    command.arg("bench").args(logs.iter().map(|log| scene.path(log))).args(scene.settings());
+    let mut command = scene.command("bench", logs);
     command.args(["--spacing-m", "0.03"]).args(more);
     command
 }
@@ -101,9 +100,8 @@ fn answers_about_paths_are_timed_and_compared_with_exact_ones() {
     let mut asked = bench(&scene, &["log"], &["--touches", "1"]);
     asked.arg("--answers").arg(&log);
     let text = succeed(&mut asked);
-    for words in ["paths of 200 points: 2 whole", "their 2 pushes", "prediction of a push", "std"] {
-        assert!(text.contains(words), "{words}: {text}");
-    }
+    let words = ["paths of 200 points: 2 whole", "their 2 pushes", "prediction of a push", "std"];
+    holds(&text, &words);
     let answers = &json(asked.arg("--json"))["answers"];
     for kind in ["whole", "push"] {
         let asked = &answers[kind];
@@ -134,12 +132,8 @@ fn without_a_log_the_bundled_touches_are_learnt_and_called_simulated() {
     let figures = json(&mut bundled(&["--json"]));
     check(&figures);
     assert_eq!((&figures["simulated"], number(&figures, "touches")), (&Value::Bool(true), 1.0));
-    let text = succeed(&mut bundled(&[]));
-    for word in
-        ["simulated", "steps a second", "a visit of one contact", "peak memory", "tare is known"]
-    {
-        assert!(text.contains(word), "{word}: {text}");
-    }
+    let of_step = ["steps a second", "a visit of one contact", "peak memory", "tare is known"];
+    holds(&succeed(&mut bundled(&[])), &[&["simulated"], &of_step[..]].concat());
 }
 
 #[test]

@@ -4,44 +4,31 @@
 mod common;
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use common::{Scene, json, npy, palpate, refuse, succeed};
+use common::{Scene, json, palpate, plant, refuse, samples, succeed, write_touch};
 use palpate_io::field::load;
-
-fn data() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a")
-}
-
-/// The numbers of an array of doubles.
-fn numbers(path: &Path) -> Vec<f64> {
-    let bytes = fs::read(path).unwrap();
-    let header = usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
-    let (numbers, _) = bytes[10 + header..].as_chunks::<8>();
-    numbers.iter().map(|number| f64::from_le_bytes(*number)).collect()
-}
+use palpate_io::log::external_truth;
 
 #[test]
 fn a_softer_object_is_distinguished_from_an_unchanged_one() {
     let scene = Scene::new();
     let field = scene.text("field.npz");
-    let learned = [0, 1, 2, 3, 4, 5, 8].map(|k| data().join(format!("seq_{k:03}")));
+    let learned = [0, 1, 2, 3, 4, 5, 8].map(|k| plant().join(format!("seq_{k:03}")));
     succeed(palpate().arg("map").args(&learned).args(["-o", &field]));
     // The same touch of a much softer object: most of the external torque is subtracted.
-    let mut torques = numbers(&data().join("seq_003/torques.npy"));
-    let external = numbers(&data().join("truth/seq_003_external.npy"));
-    torques.iter_mut().zip(&external).for_each(|(torque, external)| *torque -= 0.9 * external);
-    let soft = scene.path("soft");
-    fs::create_dir(&soft).unwrap();
-    for name in ["angles.npy", "time.npy"] {
-        fs::copy(data().join("seq_003").join(name), soft.join(name)).unwrap();
+    let mut softer = samples(&plant().join("seq_003"));
+    let external = external_truth(&plant(), "seq_003").unwrap().unwrap();
+    for (sample, external) in softer.iter_mut().zip(&external) {
+        sample.tau.iter_mut().zip(external).for_each(|(tau, external)| *tau -= 0.9 * external);
     }
-    npy(&soft.join("torques.npy"), &[torques.len() / 7, 7], &torques);
+    let soft = scene.path("soft");
+    write_touch(&soft, &softer);
 
     let compared = |log: &Path| {
         json(palpate().args(["compare", &field, "--json"]).arg(log))["together"].clone()
     };
-    let same = compared(&data().join("seq_003"));
+    let same = compared(&plant().join("seq_003"));
     assert_eq!(same["change"], "unchanged", "{same}");
     let changed = compared(&soft);
     assert_eq!(changed["change"], "softer", "{changed}");

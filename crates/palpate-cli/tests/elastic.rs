@@ -3,30 +3,18 @@
 
 mod common;
 
-use std::path::Path;
-
-use common::{Scene, json, npy, palpate, refuse, succeed};
+use common::{Scene, json, palpate, plant, refuse, samples, succeed, write_touch};
 use palpate_io::field::load;
-use palpate_io::log::{self, LogEvent, LogOptions};
 use serde_json::Value;
 
 fn bundled(file: &str) -> String {
-    format!("{}/data/plant_a/{file}", env!("CARGO_MANIFEST_DIR"))
+    plant().join(file).to_str().unwrap().to_owned()
 }
 
 /// The first samples of a bundled touch: its still start and the approach.
-fn beginning(scene: &Scene, touch: &str, samples: usize) -> String {
-    let (mut times, mut q, mut tau) = (Vec::new(), Vec::new(), Vec::new());
-    for event in log::open(Path::new(&bundled(touch)), &LogOptions::default()).unwrap() {
-        if let LogEvent::Sample(sample) = event.unwrap() {
-            times.push(sample.time_s.unwrap());
-            q.push(<[f64; 7]>::try_from(sample.q).unwrap());
-            tau.push(<[f64; 7]>::try_from(sample.tau).unwrap());
-        }
-    }
+fn beginning(scene: &Scene, touch: &str, count: usize) -> String {
     let name = format!("log/{touch}");
-    scene.arrays(&name, &q[..samples], &tau[..samples]);
-    npy(&scene.path(&name).join("time.npy"), &[samples], &times[..samples]);
+    write_touch(&scene.path(&name), &samples(&plant().join(touch))[..count]);
     scene.text(&name)
 }
 

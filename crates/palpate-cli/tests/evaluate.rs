@@ -6,7 +6,7 @@ mod common;
 use std::fs;
 use std::process::Command;
 
-use common::{Scene, json, names, npy, palpate, refuse, stderr, succeed};
+use common::{Scene, holds, json, names, npy, printed, refuse, stderr, stdout, succeed};
 use serde_json::Value;
 
 /// Quick methods, one of each kind.
@@ -14,8 +14,7 @@ const QUICK: &str = "map,ekf,knn,uniform,zero";
 
 /// `palpate evaluate` of some logs into `out/e` with quick methods.
 fn evaluate(scene: &Scene, logs: &[&str], more: &[&str]) -> Command {
-    let mut command = palpate();
-    command.arg("evaluate").args(logs.iter().map(|log| scene.path(log))).args(scene.settings());
+    let mut command = scene.command("evaluate", logs);
     command.args(["--spacing-m", "0.03"]);
     for (flag, usual) in [("-o", &*scene.text("out/e")), ("--methods", QUICK), ("--replays", "3")] {
         if !more.contains(&flag) {
@@ -68,13 +67,10 @@ fn bands_are_tested_on_touches_that_they_were_not_calibrated_on() {
     );
     assert!(number("half_width_n_m") > 0.0 && number("constant_half_width_n_m") > 0.0);
     assert_eq!(coverage["classes"].as_array().unwrap().len(), 3);
-    let text = succeed(&mut evaluate(
-        &scene,
-        &["log"],
-        &["--methods", "map,zero", "-o", &scene.text("out/f")],
-    ));
-    assert!(text.contains("Bands of map (90 %): they contain"), "{text}");
-    assert!(text.contains("Bands calibrated on other objects would contain"), "{text}");
+    let more = ["--methods", "map,zero", "-o", &scene.text("out/f")];
+    let text = succeed(&mut evaluate(&scene, &["log"], &more));
+    let of_others = "Bands calibrated on other objects would contain";
+    holds(&text, &["Bands of map (90 %): they contain", of_others]);
 }
 
 #[test]
@@ -117,9 +113,7 @@ fn evaluate_prints_the_keys_that_programs_rely_on() {
 fn the_table_has_a_row_for_each_method_and_names_the_report() {
     let scene = three();
     let text = succeed(&mut evaluate(&scene, &["log"], &["--folds", "3"]));
-    for word in ["3 touches", "against measured external torques", "average", "max. rel.", "±"] {
-        assert!(text.contains(word), "{word}: {text}");
-    }
+    holds(&text, &["3 touches", "against measured external torques", "average", "max. rel.", "±"]);
     let rows = text.lines().skip_while(|line| !line.starts_with("method")).skip(1);
     let rows: Vec<&str> = rows.take_while(|line| !line.is_empty()).collect();
     let first = |row: &&str| row.split(' ').next().unwrap().to_owned();
@@ -283,17 +277,12 @@ fn touches_without_contact_are_evaluated_and_named() {
     // All frames are tare, so there is nothing to learn from joint angles alone.
     refuse(&mut evaluate(&scene, &["log"], &away), 1, &["knn on fold", "no frame to learn"]);
     let fields = [&away[..], &["--methods", "map,ekf,uniform,zero"]].concat();
-    let output = evaluate(&scene, &["log"], &fields).output().unwrap();
-    let said = stderr(&output);
-    assert!(output.status.success(), "{said}");
+    let (_, said) = printed(&mut evaluate(&scene, &["log"], &fields));
     assert!(said.contains("`seq_0` never leaves its contact-free start"), "{said}");
 
     // A tare of a known length: there are frames to score, but none with contact.
-    let output = evaluate(&scene, &["log"], &[&away[..], &["--tare-frames", "8"]].concat())
-        .output()
-        .unwrap();
-    let said = stderr(&output);
-    assert!(output.status.success(), "{said}");
+    let known = [&away[..], &["--tare-frames", "8"]].concat();
+    let (_, said) = printed(&mut evaluate(&scene, &["log"], &known));
     assert!(said.contains("`seq_0` touches no point of the lattice"), "{said}");
 }
 
@@ -301,11 +290,9 @@ fn touches_without_contact_are_evaluated_and_named() {
 fn an_arm_that_stands_still_is_named_and_does_not_keep_others_from_being_scored() {
     let scene = Scene::new();
     scene.arrays("log/still", &[[0.0, 0.3]; 30], &[[0.2, 0.1]; 30]);
-    let output = evaluate(&scene, &["log"], &["--json"]).output().unwrap();
-    let said = stderr(&output);
-    assert!(output.status.success(), "{said}");
+    let (report, said) = printed(&mut evaluate(&scene, &["log"], &["--json"]));
     assert!(said.contains("`still` never leaves its contact-free start"), "{said}");
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let report: Value = serde_json::from_str(&report).unwrap();
     assert!(report["touches"][2]["methods"][0]["avg_error"].is_null(), "{report}");
     assert!(report["touches"][0]["methods"][0]["avg_error"].is_f64(), "{report}");
     assert!(report["methods"][0]["avg_error"]["mean"].is_f64(), "{report}");
@@ -353,9 +340,9 @@ fn a_torque_that_is_no_number_is_reported_with_its_sample() {
 fn quiet_prints_only_the_result_and_warnings() {
     let scene = Scene::new();
     let quiet = |scene: &Scene| {
-        let output = evaluate(scene, &["log"], &["--quiet"]).output().unwrap();
-        assert!(output.status.success() && !output.stdout.is_empty());
-        stderr(&output)
+        let (result, said) = printed(&mut evaluate(scene, &["log"], &["--quiet"]));
+        assert!(!result.is_empty());
+        said
     };
     assert_eq!(quiet(&scene), "");
     scene.arrays("log/still", &[[0.0, 0.3]; 30], &[[0.2, 0.1]; 30]);
@@ -400,8 +387,7 @@ fn the_table_is_printed_even_if_the_report_cannot_be_written() {
     fs::write(folder.join("figures"), "in the way").unwrap();
     let output = evaluate(&scene, &["log"], &["--methods", "zero"]).output().unwrap();
     assert_eq!(output.status.code(), Some(1));
-    let (table, error) =
-        (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
+    let (table, error) = (stdout(&output), stderr(&output));
     assert!(table.contains("\nzero ") && !table.contains("report.html"), "{table}");
     assert!(error.contains("figures"), "{error}");
     assert!(names(&folder).contains(&"parts".to_owned()), "what is done is kept");
@@ -420,9 +406,8 @@ fn a_folder_parts_of_the_user_is_not_removed() {
         fs::write(scene.path("out/e/parts").join(name), text).unwrap();
     }
     let methods = ["--json", "--methods", "knn,zero"];
-    let beside = evaluate(&scene, &["log"], &methods).output().unwrap();
-    assert!(beside.status.success(), "{}", stderr(&beside));
-    assert!(!stderr(&beside).contains("were computed before"), "{}", stderr(&beside));
+    let (beside, said) = printed(&mut evaluate(&scene, &["log"], &methods));
+    assert!(!said.contains("were computed before"), "{said}");
     assert_eq!(names(&scene.path("out/e/parts")), {
         let mut own = own;
         own.sort_unstable();
@@ -431,7 +416,7 @@ fn a_folder_parts_of_the_user_is_not_removed() {
     let else_where = scene.text("out/f");
     let alone =
         json(evaluate(&scene, &["log"], &[&methods[..], &["-o", &else_where]].concat()).arg("-q"));
-    let beside: Value = serde_json::from_slice(&beside.stdout).unwrap();
+    let beside: Value = serde_json::from_str(&beside).unwrap();
     assert_eq!(without_folder(beside), without_folder(alone));
 }
 
@@ -485,19 +470,14 @@ mod broken_off {
             .unwrap();
         let piece = fs::read_to_string(&edited).unwrap();
         fs::write(&edited, piece.replacen("fold", "bold", 1)).unwrap();
-        let output = long("out/broken").output().unwrap();
-        let said = stderr(&output);
-        assert!(output.status.success(), "{said}");
+        let (resumed, said) = printed(&mut long("out/broken"));
         let done = kept - 1;
-        assert!(
-            said.contains("was changed after it was saved: its results are computed again"),
-            "{said}"
-        );
+        holds(&said, &["was changed after it was saved: its results are computed again"]);
         assert!(
             done == 0 || said.contains(&format!("{done} parts were computed before")),
             "{said}"
         );
-        let resumed: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let resumed: Value = serde_json::from_str(&resumed).unwrap();
         let whole = json(&mut long("out/whole"));
         assert_eq!(without_folder(resumed), without_folder(whole));
     }
@@ -510,9 +490,8 @@ mod broken_off {
         let (kept, code, said) = press(&mut long, &scene.path("out/e/parts"));
         assert_eq!(code, Some(130), "{said}");
         assert!(kept > 0);
-        let output = evaluate(&scene, &["log"], &["--json"]).output().unwrap();
-        assert!(output.status.success(), "{}", stderr(&output));
-        assert!(!stderr(&output).contains("were computed before"), "{}", stderr(&output));
+        let (_, said) = printed(&mut evaluate(&scene, &["log"], &["--json"]));
+        assert!(!said.contains("were computed before"), "{said}");
         assert!(!names(&scene.path("out/e")).contains(&"parts".to_owned()), "no parts remain");
     }
 }

@@ -7,12 +7,7 @@ mod common;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use common::{palpate, refuse, stderr, succeed};
-
-/// The root of the project.
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
-}
+use common::{palpate, printed, python, refuse, root, succeed};
 
 fn convert(input: &Path, output: &Path, more: &[&str]) -> Command {
     let mut convert = palpate();
@@ -38,11 +33,8 @@ fn needs_mujoco_pyvista_trimesh_a_field_is_read_by_others_as_it_is() {
     for name in ["boxes.urdf", "springs.xml", "stiff.ply", "stiff.npz"] {
         succeed(&mut convert(&field, &folder.path().join(name), &["--above", "1"]));
     }
-    let python =
-        Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap().join("interop-venv/bin/python");
-    assert!(python.is_file(), "{} is missing: run ./setup first", python.display());
     let script = root().join("scripts/exports.py");
-    let text = succeed(Command::new(python).arg(script).arg(&field).arg(folder.path()));
+    let text = succeed(python().arg(script).arg(&field).arg(folder.path()));
     assert_eq!(text.lines().count(), 5, "{text}");
 }
 
@@ -71,8 +63,8 @@ fn points_alone_are_no_field_and_a_note_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let field = mapped(folder.path(), "data/plant_a/seq_000");
     let points = folder.path().join("points.npz");
-    let run = convert(&field, &points, &[]).output().unwrap();
-    assert!(stderr(&run).contains("bands and elastic body are left out"), "{}", stderr(&run));
+    let (_, said) = printed(&mut convert(&field, &points, &[]));
+    assert!(said.contains("bands and elastic body are left out"), "{said}");
     let predict = ["predict", points.to_str().unwrap(), "data/plant_a/seq_001"];
     refuse(palpate().args(predict).current_dir(root()), 1, &["points.npz"]);
 }

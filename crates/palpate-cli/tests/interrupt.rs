@@ -7,7 +7,7 @@ mod common;
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Command, Stdio};
 
-use common::{Scene, json, palpate, refuse, succeed};
+use common::{Scene, json, refuse, succeed};
 
 /// Maps a touch that would take a minute, presses Ctrl-C once it is under way, and returns exit
 /// code and stderr.
@@ -65,8 +65,7 @@ fn the_field_so_far_is_saved_whole_if_asked_for() {
 fn an_interrupted_measurement_prints_nothing() {
     let scene = Scene::new();
     scene.touch("long", 600, 0.0);
-    let mut command = palpate();
-    command.arg("bench").arg(scene.path("long")).args(scene.settings());
+    let mut command = scene.command("bench", &["long"]);
     command.args(["--spacing-m", "0.02", "--replays", "20000"]);
     let (code, printed, said) = press(&mut command, "note: robot");
     assert_eq!((code, printed.as_str()), (Some(130), ""), "{said}");

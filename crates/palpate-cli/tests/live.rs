@@ -17,11 +17,12 @@ use std::time::{Duration, Instant};
 
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
-use common::{interrupt, names, palpate, refuse, signal, succeed, wait_until};
-use dds::{Domain, Live, Playing, result, robot};
+use common::{
+    interrupt, json, names, palpate, plant, refuse, samples, signal, succeed, wait_until,
+};
+use dds::{Domain, Live, Playing, robot};
 use palpate::{Robot, TorqueModel};
 use palpate_io::field::load;
-use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_work::arm_file;
 use serde_json::Value;
 
@@ -58,7 +59,7 @@ fn needs_cyclonedds_every_topic_is_received_and_no_sample_is_lost() {
     let domain = Domain::take();
     let mut live = Live::start(&domain, &["--guard", "1", "--checkpoint", "1"]);
     let arguments = ["--rate", "100", "--seconds", "9", "--until-received", "--guard", "1"];
-    let robot = result(&mut robot(&domain, &arguments));
+    let robot = json(&mut robot(&domain, &arguments));
     live.wait_for_figures("all samples", |figures| figures["mapped"] == robot["sent"]);
     let figures = &live.end()["figures"];
     assert_eq!(figures["received"], robot["sent"]);
@@ -91,7 +92,7 @@ fn needs_cyclonedds_an_identified_arm_publishes_how_sure_its_torques_are_with_a_
         let domain = Domain::take();
         let mut live = Live::start(&domain, &[&arm, &count[..], more].concat());
         let arguments = ["--rate", "100", "--seconds", "6", "--until-received", "--identified"];
-        let robot = result(&mut robot(&domain, &arguments));
+        let robot = json(&mut robot(&domain, &arguments));
         live.wait_for_figures("all samples", |figures| figures["mapped"] == robot["sent"]);
         let received = |topic: &str| robot["received"][format!("rt/palpate/{topic}")].as_u64();
         assert!(received("torque_std") > Some(0), "{robot}");
@@ -253,7 +254,7 @@ fn needs_cyclonedds_another_type_on_the_topic_is_named_and_the_robot_is_mapped_b
     let mut live = Live::start(&domain, &["--joint-states", "/joint_states"]);
     let _other = Playing::start(robot(&domain, &["--another-type"]));
     live.wait_for("`/joint_states` is published as std_msgs/msg/Bool; wanted sensor_msgs");
-    let robot = result(&mut robot(&domain, &["--rate", "100", "--seconds", "2"]));
+    let robot = json(&mut robot(&domain, &["--rate", "100", "--seconds", "2"]));
     live.wait_for_figures("all samples", |figures| figures["mapped"] == robot["sent"]);
     live.end();
 }
@@ -262,7 +263,7 @@ fn needs_cyclonedds_another_type_on_the_topic_is_named_and_the_robot_is_mapped_b
 fn needs_cyclonedds_a_client_of_the_service_gets_its_answer_and_the_tare() {
     let domain = Domain::take();
     let mut live = Live::start(&domain, &["--services", "cyclone"]);
-    let robot = result(&mut robot(&domain, &["--rate", "100", "--seconds", "1", "--tare"]));
+    let robot = json(&mut robot(&domain, &["--rate", "100", "--seconds", "1", "--tare"]));
     let answers = robot["tare"].as_array().unwrap();
     for (answer, number) in answers.iter().zip([1, 2]) {
         let [client, sequence, taring, words] = answer.as_array().unwrap().as_slice() else {
@@ -284,7 +285,7 @@ fn needs_cyclonedds_every_service_answers_and_the_node_is_one_of_ros() {
     let live = Live::resume(&domain, &flags);
     let before = fs::read(live.path("field.npz")).unwrap();
     let played = ["--rate", "100", "--seconds", "2", "--call", "palpate", "--until-received"];
-    let robot = result(&mut robot(&domain, &played));
+    let robot = json(&mut robot(&domain, &played));
     let called = &robot["called"];
     assert_eq!(robot["failed"], Value::Null, "{robot}");
     assert_eq!(called["save"], serde_json::json!([true, "the field is saved"]), "{called}");
@@ -348,7 +349,7 @@ fn needs_cyclonedds_a_simulations_time_and_other_names_are_those_of_ros() {
     flags.extend(names);
     let live = Live::start(&domain, &flags);
     let played = ["--rate", "50", "--seconds", "6", "--simulation", "--call", "hand"];
-    let robot = result(&mut robot(&domain, &played));
+    let robot = json(&mut robot(&domain, &played));
     assert_eq!(robot["failed"], Value::Null, "{robot}");
     // Samples without a stamp get the simulation's time, which runs at half the speed.
     let stamp = robot["stamp"].as_f64().unwrap();
@@ -365,9 +366,17 @@ fn needs_cyclonedds_a_simulations_time_and_other_names_are_those_of_ros() {
 fn needs_cyclonedds_joint_states_of_ros2_control_are_mapped() {
     let domain = Domain::take();
     let live = Live::start(&domain, &[]);
-    let robot = result(&mut robot(&domain, &["--rate", "100", "--seconds", "2", "--dynamic"]));
+    let robot = json(&mut robot(&domain, &["--rate", "100", "--seconds", "2", "--dynamic"]));
     live.wait_for("listening to `/dynamic_joint_states`");
     live.wait_for_figures("all samples", |figures| figures["mapped"] == robot["sent"]);
+}
+
+/// Writes a line to a socket, and returns the line that answers it.
+fn ask(stream: &mut BufReader<UnixStream>, line: &Value) -> Value {
+    stream.get_mut().write_all(format!("{line}\n").as_bytes()).unwrap();
+    let mut answer = String::new();
+    stream.read_line(&mut answer).unwrap();
+    serde_json::from_str(&answer).unwrap()
 }
 
 #[test]
@@ -379,16 +388,11 @@ fn needs_cyclonedds_questions_are_answered_while_it_maps() {
     let _robot = Playing::start(robot(&domain, &["--rate", "100", "--seconds", "inf"]));
     live.wait_for("\"state\":\"mapping\"");
     let mut stream = BufReader::new(UnixStream::connect(&socket).unwrap());
-    let mut ask = |line: String| -> Value {
-        stream.get_mut().write_all(line.as_bytes()).unwrap();
-        let mut answer = String::new();
-        stream.read_line(&mut answer).unwrap();
-        serde_json::from_str(&answer).unwrap()
-    };
+    let mut ask = |line: &Value| ask(&mut stream, line);
     let start = [1.362, -0.5258, 2.1044, -2.0491, 0.5411, 0.1605, 0.2473];
     let path: Vec<Vec<f64>> =
         (0..50).map(|i| start.map(|q| q + 0.004 * f64::from(i)).to_vec()).collect();
-    let answer = ask(format!("{}\n", serde_json::json!({ "path": path })));
+    let answer = ask(&serde_json::json!({ "path": path }));
     let rows = answer["torque"].as_array().unwrap_or_else(|| panic!("{answer}"));
     assert_eq!((rows.len(), rows[0].as_array().unwrap().len()), (50, 7));
     let stds: Vec<f64> =
@@ -400,13 +404,12 @@ fn needs_cyclonedds_questions_are_answered_while_it_maps() {
     assert!(widths.clone().count() == 350 && widths.into_iter().all(|(own, peak)| own <= peak));
     let bytes: Vec<u8> = path.concat().iter().flat_map(|q| q.to_le_bytes()).collect();
     let path_f64 = BASE64_STANDARD.encode(bytes);
-    let answer = ask(format!("{}\n", serde_json::json!({ "path_f64": path_f64 })));
+    let answer = ask(&serde_json::json!({ "path_f64": path_f64 }));
     let bytes = BASE64_STANDARD.decode(answer["torque_f64"].as_str().unwrap()).unwrap();
     assert_eq!((bytes.len(), answer["contacts"].as_array().unwrap().len()), (50 * 7 * 8, 50));
-    assert!(
-        ask("{\"path\": [[1, 2]]}\n".to_owned())["error"].as_str().unwrap().contains("point 0")
-    );
-    assert_eq!(ask("{\"tare\": true}\n".to_owned())["taring"], true);
+    let answer = ask(&serde_json::json!({ "path": [[1, 2]] }));
+    assert!(answer["error"].as_str().unwrap().contains("point 0"));
+    assert_eq!(ask(&serde_json::json!({ "tare": true }))["taring"], true);
     live.wait_for("a tare at the next pause");
 }
 
@@ -414,26 +417,17 @@ fn needs_cyclonedds_questions_are_answered_while_it_maps() {
 fn needs_cyclonedds_a_body_learns_touch_by_touch_answers_questions_and_goes_on() {
     let (domain, folder) = (Domain::take(), tempfile::tempdir().unwrap());
     let socket = folder.path().join("ask");
-    let cloud = concat!(env!("CARGO_MANIFEST_DIR"), "/data/plant_a/object.ply");
-    let arguments = ["--ask", socket.to_str().unwrap(), "--cloud", cloud, "--replays", "2"];
-    let mut live = Live::start(&domain, &arguments);
+    let cloud = plant().join("object.ply");
+    let arguments = ["--ask", socket.to_str().unwrap(), "--cloud", cloud.to_str().unwrap()];
+    let mut live = Live::start(&domain, &[&arguments[..], &["--replays", "2"]].concat());
     let playing = Playing::start(robot(&domain, &["--rate", "100", "--seconds", "inf"]));
     let answer = |path: &[Vec<f64>]| -> Value {
         let mut stream = BufReader::new(UnixStream::connect(&socket).unwrap());
-        let line = format!("{}\n", serde_json::json!({ "path": path }));
-        stream.get_mut().write_all(line.as_bytes()).unwrap();
-        let mut answer = String::new();
-        stream.read_line(&mut answer).unwrap();
-        serde_json::from_str(&answer).unwrap()
+        ask(&mut stream, &serde_json::json!({ "path": path }))
     };
     live.wait_for("\"state\":\"mapping\"");
     // A push that comes later: only the body is known there.
-    let touch = concat!(env!("CARGO_MANIFEST_DIR"), "/data/plant_a/seq_003");
-    let log = log::open(Path::new(touch), &LogOptions::default()).unwrap();
-    let q = log.filter_map(|event| match event.unwrap() {
-        LogEvent::Sample(sample) => Some(sample.q),
-        _ => None,
-    });
+    let q = samples(&plant().join("seq_003")).into_iter().map(|sample| sample.q);
     let answer = answer(&q.step_by(10).collect::<Vec<_>>());
     let torques = answer["torque"].as_array().unwrap_or_else(|| panic!("{answer}"));
     let largest = torques.iter().flat_map(|row| row.as_array().unwrap());

@@ -5,25 +5,17 @@
 mod common;
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
-use common::{json, palpate, refuse, succeed};
+use common::{json, palpate, plant, python, refuse, root, samples, succeed};
 use palpate_io::field::{load, to_bytes};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// The root of the project.
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
-}
-
 /// The script that writes and reads bags.
 fn script(arguments: &[&Path]) -> Command {
-    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
-    let python = target.join("interop-venv/bin/python");
-    assert!(python.is_file(), "{} is missing: run ./setup first", python.display());
-    let mut command = Command::new(python);
+    let mut command = python();
     command.arg(root().join("scripts/ros2_bags.py")).args(arguments);
     command
 }
@@ -31,8 +23,7 @@ fn script(arguments: &[&Path]) -> Command {
 /// Bags of the bundled touches, as other programs write them.
 fn bags(of: &str) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let touches = root().join("data/plant_a");
-    succeed(&mut script(&[Path::new(of), &touches, folder.path()]));
+    succeed(&mut script(&[Path::new(of), &plant(), folder.path()]));
     folder
 }
 
@@ -65,7 +56,7 @@ fn lines(reader: &str, bag: &Path) -> Vec<Value> {
 #[test]
 fn needs_rosbags_touches_written_by_rosbags_give_the_field_of_the_arrays_bit_for_bit() {
     let bags = bags("write");
-    let arrays = field(&root().join("data/plant_a"), &[]);
+    let arrays = field(&plant(), &[]);
     for bag in ["mcap_zstd", "mcap_plain", "sqlite"] {
         let found = field(&bags.path().join(bag), &["--touch-topic", "/marker"]);
         assert!(found == arrays, "{bag} gives another field");
@@ -83,10 +74,8 @@ fn needs_rosbags_touches_written_by_rosbags_give_the_field_of_the_arrays_bit_for
 #[test]
 fn needs_rosbags_robot_states_of_franka_are_followed_by_their_definition_and_hold_no_gravity() {
     let bags = bags("franka");
-    let arrays = field(
-        &root().join("data/plant_a/seq_000"),
-        &["--gravity", "removed", "--torque-sign", "minus"],
-    );
+    let removed = ["--gravity", "removed", "--torque-sign", "minus"];
+    let arrays = field(&plant().join("seq_000"), &removed);
     for layout in ["franka_new", "franka_old"] {
         assert!(field(&bags.path().join(layout), &[]) == arrays, "{layout}");
         let mut map = palpate();
@@ -100,7 +89,7 @@ fn needs_rosbags_robot_states_of_franka_are_followed_by_their_definition_and_hol
 #[test]
 fn needs_rosbags_bags_written_here_are_read_by_rosbags_and_by_mcap_ros2() {
     let folder = tempfile::tempdir().unwrap();
-    let touch = root().join("data/plant_a/seq_003");
+    let touch = plant().join("seq_003");
     for packed in ["zstd", "lz4", "none"] {
         let bag = folder.path().join(format!("{packed}.mcap"));
         let mut convert = palpate();
@@ -110,14 +99,12 @@ fn needs_rosbags_bags_written_here_are_read_by_rosbags_and_by_mcap_ros2() {
         assert_eq!(lines("read", &bag), by_mcap, "the two readers differ: {packed}");
         assert_eq!(by_mcap[0]["topic"], "/palpate/touch");
         assert_eq!(by_mcap[0]["data"], "seq_003");
-        let states = &by_mcap[1..];
-        assert_eq!((states.len(), &states[0]["name"][6]), (400, &Value::from("Actuator7")));
-        for (what, array) in [("position", "angles"), ("effort", "torques")] {
-            let bytes = fs::read(touch.join(format!("{array}.npy"))).unwrap();
-            let numbers =
-                bytes[128..].as_chunks::<8>().0.iter().map(|raw| f64::from_le_bytes(*raw));
-            let read = states.iter().flat_map(|state| state[what].as_array().unwrap());
-            assert!(read.map(|number| number.as_f64().unwrap()).eq(numbers), "{packed} {what}");
+        let (states, samples) = (&by_mcap[1..], samples(&touch));
+        assert_eq!((states.len(), samples.len()), (400, 400));
+        assert_eq!(states[0]["name"][6], "Actuator7");
+        for (state, sample) in states.iter().zip(samples) {
+            assert_eq!(state["position"], serde_json::json!(sample.q), "{packed}");
+            assert_eq!(state["effort"], serde_json::json!(sample.tau), "{packed}");
         }
     }
 }
@@ -129,7 +116,7 @@ fn a_log_turned_into_every_format_and_back_is_the_same() {
     let convert = |from: &Path, to: &Path| {
         succeed(palpate().arg("convert").arg(from).arg("-o").arg(to));
     };
-    let touches = root().join("data/plant_a");
+    let touches = plant();
     convert(&touches, &at("a.mcap"));
     convert(&at("a.mcap"), &at("b.csv"));
     convert(&at("b.csv"), &at("c.mcap"));

@@ -5,7 +5,7 @@ mod common;
 
 use std::fs;
 
-use common::{Scene, json, names, palpate, succeed};
+use common::{Scene, json, names, succeed};
 
 /// Rows of `q1,q2,tau1,tau2,time`: still, swing out and hold there, swing back, and once more.
 fn recording(pushes: usize) -> String {
@@ -43,8 +43,7 @@ fn a_recording_is_split_at_pauses_in_the_air_and_nowhere_else() {
     }
     let predicted = json(&mut scene.predict(&["day.csv"], &["--json", "--split-idle"]));
     assert_eq!(predicted["touches"].as_array().unwrap().len(), 3);
-    let mut inspect = palpate();
-    inspect.arg("inspect").arg(scene.path("day.csv")).args(scene.settings());
+    let mut inspect = scene.command("inspect", &["day.csv"]);
     let output = inspect.args(["--json", "--split-idle"]).output().unwrap();
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(report["paths"][0]["touches"].as_array().unwrap().len(), 3, "{report}");
@@ -81,9 +80,8 @@ fn a_recording_is_also_split_at_a_pause_after_a_motion_through_the_box() {
 fn touches_split_by_convert_are_those_split_while_mapping() {
     let scene = Scene::new();
     fs::write(scene.path("day.csv"), recording(2)).unwrap();
-    let mut convert = palpate();
-    convert.arg("convert").arg(scene.path("day.csv")).arg("-o").arg(scene.path("arrays"));
-    succeed(convert.args(scene.settings()).arg("--split-idle"));
+    let mut convert = scene.command("convert", &["day.csv"]);
+    succeed(convert.arg("--split-idle").arg("-o").arg(scene.path("arrays")));
     assert_eq!(names(&scene.path("arrays")), ["day", "day_2"]);
 
     succeed(&mut scene.map(&["day.csv"], &["--split-idle"]));

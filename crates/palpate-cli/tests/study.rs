@@ -2,14 +2,12 @@
 
 mod common;
 
-use common::{Scene, palpate, refuse, succeed};
-use serde_json::Value;
+use common::{Scene, json, refuse, succeed};
 use std::process::Command;
 
 fn study(scene: &Scene, objects: &[&str], more: &[&str]) -> Command {
-    let mut command = palpate();
-    command.arg("study").args(objects.iter().map(|object| scene.path(object)));
-    command.args(scene.settings()).args(["--spacing-m", "0.03"]).args(more);
+    let mut command = scene.command("study", objects);
+    command.args(["--spacing-m", "0.03"]).args(more);
     command
 }
 
@@ -25,8 +23,7 @@ fn two_objects() -> Scene {
 fn a_study_finds_what_an_evaluation_of_each_object_finds() {
     let scene = two_objects();
     let grid = ["--frictions", "0.1,0.3,0.1", "--distances-m", "0.02", "--curve", "--json"];
-    let found = succeed(&mut study(&scene, &["log", "other"], &grid));
-    let found: Value = serde_json::from_str(&found).unwrap();
+    let found = json(&mut study(&scene, &["log", "other"], &grid));
     let settings = found["settings"].as_array().unwrap();
     assert_eq!(settings.len(), 3, "the given ones and two more: {settings:?}");
     for (name, object) in ["log", "other"].iter().zip(found["objects"].as_array().unwrap()) {
@@ -35,12 +32,10 @@ fn a_study_finds_what_an_evaluation_of_each_object_finds() {
             let contact = &settings[number]["contact"];
             let [friction, distance] = ["friction", "contact_distance_m"]
                 .map(|key| contact[key].as_f64().unwrap().to_string());
-            let mut evaluate = palpate();
-            evaluate.arg("evaluate").arg(scene.path(name)).args(scene.settings());
+            let mut evaluate = scene.command("evaluate", &[name]);
             evaluate.args(["--spacing-m", "0.03", "--methods", "map", "--json"]);
             evaluate.args(["--friction", &friction, "--contact-distance-m", &distance, "-o"]);
-            let evaluation = succeed(evaluate.arg(scene.path(&format!("out/{name}{number}"))));
-            let evaluation: Value = serde_json::from_str(&evaluation).unwrap();
+            let evaluation = json(evaluate.arg(scene.path(&format!("out/{name}{number}"))));
             let relative = evaluation["methods"][0]["avg_relative"]["mean"].as_f64().unwrap();
             assert!(
                 (of_study.as_f64().unwrap() / relative - 1.0).abs() < 1e-12,

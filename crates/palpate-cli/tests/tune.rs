@@ -2,12 +2,11 @@
 
 mod common;
 
-use common::{Scene, palpate, refuse, stderr, succeed};
+use common::{Scene, printed, refuse, succeed};
 use std::process::Command;
 
 fn tune(scene: &Scene, logs: &[&str], more: &[&str]) -> Command {
-    let mut command = palpate();
-    command.arg("tune").args(logs.iter().map(|log| scene.path(log))).args(scene.settings());
+    let mut command = scene.command("tune", logs);
     command.args(["--spacing-m", "0.03", "--candidates", "4", "-o"]);
     command.arg(scene.path("out/tuned.toml")).args(more);
     command
@@ -62,18 +61,16 @@ fn a_map_learns_with_quickly_tuned_settings_and_prints_them() {
     let scene = Scene::new();
     scene.touch("log/seq_2", 40, -0.2);
     let field = |logs: &[&str], flags: &[&str], expected: &str| {
-        let output = scene.map(logs, flags).output().unwrap();
-        let said = stderr(&output);
-        assert!(output.status.success() && said.contains(expected), "{said}");
+        let (_, said) = printed(&mut scene.map(logs, flags));
+        assert!(said.contains(expected), "{said}");
         std::fs::read(scene.path("out/field.npz")).unwrap()
     };
     let chosen = "chosen by cross-validation on 3 touches";
     let by_itself = field(&["log"], &[], chosen);
     assert!(by_itself != field(&["log"], &["--tune=off"], ""), "nothing was chosen");
 
-    let mut quick = palpate();
-    quick.arg("tune").arg(scene.path("log")).args(scene.settings()).args(["--spacing-m", "0.03"]);
-    succeed(quick.args(["--quick", "-o"]).arg(scene.path("out/tuned.toml")));
+    let mut quick = scene.command("tune", &["log"]);
+    succeed(quick.args(["--spacing-m", "0.03", "--quick", "-o"]).arg(scene.path("out/tuned.toml")));
     succeed(&mut scene.map(&["log"], &["--settings", &scene.text("out/tuned.toml")]));
     let again = std::fs::read(scene.path("out/field.npz")).unwrap();
     let calibration =

@@ -7,8 +7,7 @@ use common::Scene;
 
 /// `palpate view` of some files and folders of the scene.
 fn view(scene: &Scene, what: &[&str], more: &[&str]) -> std::process::Command {
-    let mut command = common::palpate();
-    command.arg("view").args(what.iter().map(|name| scene.path(name))).args(scene.settings());
+    let mut command = scene.command("view", what);
     command.args(more);
     command
 }

@@ -8,6 +8,8 @@ use std::process::{Child, Command, Output};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use palpate_io::log::{LogOptions, Sample};
+use palpate_work::touches::{RecordedTouch, Touches};
 use tempfile::TempDir;
 
 /// Two links that swing about vertical axes, so that gravity does not reach the joints.
@@ -82,10 +84,16 @@ impl Scene {
         ["--robot", &robot, "--no-cache", "--bake-spacing-m", "0.01"].map(str::to_owned).to_vec()
     }
 
+    /// A subcommand on some logs, with these settings.
+    pub(crate) fn command(&self, name: &str, logs: &[&str]) -> Command {
+        let mut command = palpate();
+        command.arg(name).args(logs.iter().map(|log| self.path(log))).args(self.settings());
+        command
+    }
+
     /// `palpate map` of some logs into `out/field.npz`.
     pub(crate) fn map(&self, logs: &[&str], more: &[&str]) -> Command {
-        let mut command = palpate();
-        command.arg("map").args(logs.iter().map(|log| self.path(log))).args(self.settings());
+        let mut command = self.command("map", logs);
         command.args(["--spacing-m", "0.03"]);
         if !more.contains(&"-o") {
             command.arg("-o").arg(self.path("out/field.npz"));
@@ -96,9 +104,8 @@ impl Scene {
 
     /// `palpate predict` of some logs from `out/field.npz`.
     pub(crate) fn predict(&self, logs: &[&str], more: &[&str]) -> Command {
-        let mut command = palpate();
-        command.arg("predict").arg(self.path("out/field.npz"));
-        command.args(logs.iter().map(|log| self.path(log))).args(self.settings()).args(more);
+        let mut command = self.command("predict", &[&["out/field.npz"], logs].concat());
+        command.args(more);
         command
     }
 
@@ -106,6 +113,35 @@ impl Scene {
     pub(crate) fn results(&self) -> Vec<String> {
         names(&self.path("out"))
     }
+}
+
+/// The root of the project.
+pub(crate) fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
+}
+
+/// Folder of the bundled data set.
+pub(crate) fn plant() -> PathBuf {
+    root().join("data/plant_a")
+}
+
+/// The Python with which tests exchange files.
+pub(crate) fn python() -> Command {
+    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
+    let python = target.join("interop-venv/bin/python");
+    assert!(python.is_file(), "{} is missing: run ./setup first", python.display());
+    Command::new(python)
+}
+
+/// The touches of a log.
+pub(crate) fn touches(log: &Path) -> Vec<RecordedTouch> {
+    let touches = Touches::open(&[log.to_owned()], &LogOptions::default());
+    touches.unwrap().read(None).unwrap()
+}
+
+/// The samples of a log of one touch.
+pub(crate) fn samples(log: &Path) -> Vec<Sample> {
+    touches(log).remove(0).samples
 }
 
 /// Names in a folder, hidden ones too.
@@ -133,6 +169,18 @@ pub(crate) fn npy(path: &Path, shape: &[usize], numbers: &[f64]) {
     bytes.extend(header.as_bytes());
     bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
     fs::write(path, bytes).unwrap();
+}
+
+/// Writes the arrays of a touch, one of them the times.
+pub(crate) fn write_touch(folder: &Path, samples: &[Sample]) {
+    let (rows, joints) = (samples.len(), samples[0].q.len());
+    let write = |name: &str, shape: &[usize], of: fn(&Sample) -> &[f64]| {
+        npy(&folder.join(name), shape, &samples.iter().flat_map(of).copied().collect::<Vec<_>>());
+    };
+    fs::create_dir_all(folder).unwrap();
+    write("angles.npy", &[rows, joints], |sample| &sample.q);
+    write("torques.npy", &[rows, joints], |sample| &sample.tau);
+    write("time.npy", &[rows], |sample| sample.time_s.as_slice());
 }
 
 /// Waits for a condition; fails after a deadline that is long enough for any machine.
@@ -166,12 +214,18 @@ pub(crate) fn stdout(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).unwrap()
 }
 
+/// Runs a command that must succeed, and returns what it wrote to stdout and stderr.
+#[track_caller]
+pub(crate) fn printed(command: &mut Command) -> (String, String) {
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{command:?}\n{}", stderr(&output));
+    (stdout(&output), stderr(&output))
+}
+
 /// Runs a command that must succeed, and returns what it printed.
 #[track_caller]
 pub(crate) fn succeed(command: &mut Command) -> String {
-    let output = command.output().unwrap();
-    assert!(output.status.success(), "{command:?}\n{}", stderr(&output));
-    stdout(&output)
+    printed(command).0
 }
 
 /// Runs a command that must succeed and print JSON.
@@ -180,16 +234,24 @@ pub(crate) fn json(command: &mut Command) -> serde_json::Value {
     serde_json::from_str(&succeed(command)).unwrap()
 }
 
-/// Runs a command that must fail with an exit code and an error that holds all of `words`.
+/// Asserts that a text contains all of these words.
 #[track_caller]
-pub(crate) fn refuse(command: &mut Command, code: i32, words: &[&str]) {
+pub(crate) fn holds(text: &str, words: &[&str]) {
+    for word in words {
+        assert!(text.contains(word), "`{word}` is not in: {text}");
+    }
+}
+
+/// Runs a command that must fail with an exit code and an error that holds all of `words`, and returns what it wrote
+/// to stderr.
+#[track_caller]
+pub(crate) fn refuse(command: &mut Command, code: i32, words: &[&str]) -> String {
     let output = command.output().unwrap();
     let said = stderr(&output);
     assert_eq!(output.status.code(), Some(code), "{command:?}\n{said}");
     assert!(said.starts_with("error: ") || said.contains("\nerror: "), "{said}");
     assert!(!said.contains("defect"), "a panic: {said}");
-    for word in words {
-        assert!(said.contains(word), "`{word}` is not in: {said}");
-    }
+    holds(&said, words);
     assert!(output.stdout.is_empty(), "{}", stdout(&output));
+    said
 }

@@ -2,13 +2,13 @@
 
 use std::fs;
 use std::net::{Ipv4Addr, UdpSocket};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::SystemTime;
 
 use serde_json::Value;
 
-use crate::common::{interrupt, names, palpate, succeed, wait_until};
+use crate::common::{interrupt, names, palpate, plant, python, root, succeed, wait_until};
 
 /// A DDS domain that no other test uses, in this process or another, and no other program.
 ///
@@ -39,12 +39,8 @@ impl Domain {
 
 /// The robot: plays the bundled touches and prints what it received.
 pub(crate) fn robot(domain: &Domain, arguments: &[&str]) -> Command {
-    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
-    let python = target.join("interop-venv/bin/python");
-    assert!(python.is_file(), "{} is missing: run ./setup first", python.display());
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let mut command = Command::new(python);
-    command.arg(root.join("scripts/dds_robot.py")).arg(root.join("data/plant_a"));
+    let mut command = python();
+    command.arg(root().join("scripts/dds_robot.py")).arg(plant());
     command.args(["--domain", &domain.number.to_string()]).args(arguments);
     command
 }
@@ -83,10 +79,9 @@ impl Live {
     /// Continues from a field that has learnt a touch, and so has bands.
     pub(crate) fn resume(domain: &Domain, arguments: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let touch = concat!(env!("CARGO_MANIFEST_DIR"), "/data/plant_a/seq_000");
         let mut map = palpate();
-        map.args(["map", touch, "--replays", "2", "-o"]).arg(folder.path().join("field.npz"));
-        succeed(&mut map);
+        map.arg("map").arg(plant().join("seq_000")).args(["--replays", "2", "-o"]);
+        succeed(map.arg(folder.path().join("field.npz")));
         let going_on = ["--resume", "--replays", "2"];
         Self::start_in(folder, domain, &[&going_on, arguments].concat())
     }
@@ -167,9 +162,4 @@ impl Drop for Playing {
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
-}
-
-/// What the robot printed at its end.
-pub(crate) fn result(command: &mut Command) -> Value {
-    serde_json::from_str(&succeed(command)).unwrap()
 }
