@@ -7,8 +7,9 @@ mod recording;
 use std::fs;
 use std::path::Path;
 
+use common::{holds, palpate, plant, printed, refuse, stdout, succeed};
 use palpate::Payload;
-use recording::{Maker, STILL, Touch, clean, codes, first, inspect, run, write, write_csv};
+use recording::{Maker, STILL, Touch, clean, codes, first, found, inspect, run, write, write_csv};
 use serde_json::Value;
 
 /// Inspects touches with some flags.
@@ -27,8 +28,7 @@ fn only(touches: &[Touch], flags: &[&str], code: &str) -> Value {
 /// The same for a finding of this level.
 #[track_caller]
 fn only_at(level: &str, touches: &[Touch], flags: &[&str], code: &str) -> Value {
-    let (exit, report) = look(touches, flags);
-    assert_eq!((exit, codes(&report)), (Some(0), vec![code]), "{}", report["paths"][0]["findings"]);
+    let report = found(look(touches, flags), 0, &[code]);
     assert_eq!(first(&report)["level"], level);
     first(&report).clone()
 }
@@ -36,8 +36,7 @@ fn only_at(level: &str, touches: &[Touch], flags: &[&str], code: &str) -> Value 
 /// Asserts that nothing looks wrong.
 #[track_caller]
 fn nothing(touches: &[Touch], flags: &[&str]) {
-    let (exit, report) = look(touches, flags);
-    assert_eq!((exit, codes(&report)), (Some(0), vec![]), "{}", report["paths"][0]["findings"]);
+    found(look(touches, flags), 0, &[]);
 }
 
 /// Asserts which sign and gravity of the torques were found.
@@ -57,8 +56,7 @@ fn read_without_flags(touches: &[Touch], sign: &str, gravity: &str) {
 
 #[track_caller]
 fn says(finding: &Value, words: &[&str]) {
-    let text = finding.to_string();
-    words.iter().for_each(|word| assert!(text.contains(word), "`{word}` is not in {text}"));
+    holds(&finding.to_string(), words);
 }
 
 fn flags(finding: &Value) -> Vec<&str> {
@@ -88,27 +86,24 @@ fn nothing_is_wrong_with_a_clean_log_and_its_figures_are_right() {
 
 #[test]
 fn nothing_is_wrong_with_the_bundled_touches() {
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
-    let (exit, report) = run(inspect().arg(data).arg("--strict"));
-    assert_eq!((exit, codes(&report)), (Some(0), vec![]), "{}", report["paths"][0]["findings"]);
+    found(run(inspect().arg(plant()).arg("--strict")), 0, &[]);
 }
 
 #[test]
 fn the_text_holds_the_facts_and_marks_the_findings() {
     let folder = tempfile::tempdir().unwrap();
     let mut touches = clean();
-    touches.iter_mut().for_each(|touch| touch.tau.iter_mut().flatten().for_each(|t| *t = -*t));
+    touches.iter_mut().for_each(Touch::negate_torques);
     write(folder.path(), &touches);
-    let text = common::succeed(inspect().arg(folder.path()).args(["--torque-sign", "plus"]));
-    for word in ["20.0 Hz", "Actuator7", "seq_2", "Tare", "WARNING", "-> use --torque-sign minus"] {
-        assert!(text.contains(word), "`{word}` is not in {text}");
-    }
+    let text = succeed(inspect().arg(folder.path()).args(["--torque-sign", "plus"]));
+    let words = ["20.0 Hz", "Actuator7", "seq_2", "Tare", "WARNING", "-> use --torque-sign minus"];
+    holds(&text, &words);
 }
 
 #[test]
 fn torques_of_the_other_sign_are_recognised_by_gravity() {
     let mut touches = clean();
-    touches.iter_mut().for_each(|touch| touch.tau.iter_mut().flatten().for_each(|t| *t = -*t));
+    touches.iter_mut().for_each(Touch::negate_torques);
     let plus = ["--torque-sign", "plus"];
     assert_eq!(flags(&only(&touches, &plus, "torque_sign")), ["--torque-sign", "minus"]);
     read_without_flags(&touches, "minus", "included");
@@ -215,8 +210,7 @@ fn named_joints_are_matched_and_unknown_names_reported() {
     let joints = [3, 4, 5, 6, 7, 1, 2].map(|joint| format!("Actuator{joint}"));
     let mut names: Vec<&str> = joints.iter().map(String::as_str).collect();
     write_csv(&path, &touch, &names);
-    let (exit, report) = run(inspect().arg(&path));
-    assert_eq!((exit, codes(&report)), (Some(0), vec![]), "{report}");
+    let report = found(run(inspect().arg(&path)), 0, &[]);
     assert_eq!(report["paths"][0]["matching"], "reordered");
     let read = &report["paths"][0]["columns"];
     assert_eq!(read["joints"][0], "Actuator3");
@@ -225,8 +219,7 @@ fn named_joints_are_matched_and_unknown_names_reported() {
 
     names[5] = "Shoulder";
     write_csv(&path, &touch, &names);
-    let (exit, report) = run(inspect().arg(&path));
-    assert_eq!((exit, codes(&report)), (Some(1), vec!["joint_names"]));
+    let report = found(run(inspect().arg(&path)), 1, &["joint_names"]);
     says(first(&report), &["`Actuator1` is not in the log", "Shoulder", "--columns", "error"]);
 }
 
@@ -245,65 +238,57 @@ fn fingers_that_are_not_in_a_log_stand_still_and_are_named() {
     let look = |log: &Path, more: &[&str]| {
         let mut command = inspect();
         command.arg(log).arg("--robot").arg(path("gripper.urdf")).args(more);
-        command.output().unwrap()
+        command
     };
     write(&path("arrays"), &clean());
     let touch = &clean()[0];
     let joints = [1, 2, 3, 4, 5, 6, 7].map(|joint| format!("gen3_Actuator{joint}"));
     write_csv(&path("named.csv"), touch, &joints.each_ref().map(String::as_str));
     for log in ["arrays", "named.csv"] {
-        let output = look(&path(log), &["--strict"]);
-        let note = common::stderr(&output);
-        assert!(output.status.success(), "{note}");
-        assert!(note.contains("--hold finger_joint=0.04") && note.contains("7 joints"), "{note}");
-        let held = look(&path(log), &["--strict", "--hold", "finger_joint=0.01"]);
-        let note = common::stderr(&held);
-        assert!(held.status.success() && !note.contains("finger_joint"), "{note}");
+        let (_, note) = printed(&mut look(&path(log), &["--strict"]));
+        holds(&note, &["--hold finger_joint=0.04", "7 joints"]);
+        let hold = ["--strict", "--hold", "finger_joint=0.01"];
+        let (_, note) = printed(&mut look(&path(log), &hold));
+        assert!(!note.contains("finger_joint"), "{note}");
         let matched = note.contains("`gen3_Actuator1` is `Actuator1`");
         assert_eq!(matched, log == "named.csv", "{note}");
     }
     // A bag has the names of the joints that are in the log; a motion moves the arm only.
     let with_robot = |command: &str, output: &Path| {
-        let mut run = common::palpate();
+        let mut run = palpate();
         run.args([command, "--robot"]).arg(path("gripper.urdf")).arg("-o").arg(output);
         run
     };
     let bag = path("arrays.mcap");
-    common::succeed(with_robot("convert", &bag).arg(path("arrays")));
-    assert!(look(&bag, &["--strict"]).status.success());
+    succeed(with_robot("convert", &bag).arg(path("arrays")));
+    succeed(&mut look(&bag, &["--strict"]));
     let motion = path("motion.csv");
-    common::succeed(with_robot("excite", &motion).args(["--rate-hz", "10"]));
+    succeed(with_robot("excite", &motion).args(["--rate-hz", "10"]));
     let motion = fs::read_to_string(motion).unwrap();
     assert!(motion.starts_with("time,Actuator1_position,") && !motion.contains("finger"));
-    let refused = look(&path("arrays"), &["--hold", "nose=1"]);
-    let message = common::stderr(&refused);
-    assert!(refused.status.code() == Some(2) && message.contains("`nose`"), "{message}");
+    refuse(&mut look(&path("arrays"), &["--hold", "nose=1"]), 2, &["`nose`"]);
 
     // A wrist with another name is not a finger.
     let mut joints = joints;
     joints[6] = "gen3_wrist".to_owned();
     write_csv(&path("named.csv"), touch, &joints.each_ref().map(String::as_str));
-    let output = look(&path("named.csv"), &["--hold", "finger_joint=0.01", "--json"]);
-    assert!(String::from_utf8(output.stdout).unwrap().contains("`Actuator7` is not in the log"));
+    let output = look(&path("named.csv"), &["--hold", "finger_joint=0.01", "--json"]).output();
+    assert!(stdout(&output.unwrap()).contains("`Actuator7` is not in the log"));
 }
 
 #[test]
 fn another_number_of_joints_is_an_error() {
     let mut touches = clean();
     touches.iter_mut().for_each(|touch| touch.each_row(|row| row.truncate(6)));
-    let (exit, report) = look(&touches, &[]);
-    assert_eq!((exit, codes(&report)), (Some(1), vec!["joint_count"]));
+    let report = found(look(&touches, &[]), 1, &["joint_count"]);
     says(first(&report), &["6 joints", "has 7", "--robot"]);
 }
 
 #[test]
 fn degrees_and_radians_are_distinguished() {
     let mut touches = clean();
-    touches.iter_mut().for_each(|touch| {
-        touch.q.iter_mut().flatten().for_each(|angle| *angle = angle.to_degrees());
-    });
-    let (exit, report) = look(&touches, &[]);
-    assert_eq!((exit, codes(&report)), (Some(0), vec!["angle_unit"]));
+    touches.iter_mut().for_each(Touch::turn_to_degrees);
+    let report = found(look(&touches, &[]), 0, &["angle_unit"]);
     says(first(&report), &["degrees", "gravity fits", "read as degrees"]);
     assert_eq!(
         flags(&only(&touches, &["--angle-unit", "rad"], "angle_unit")),
@@ -404,11 +389,12 @@ fn time_stamps_that_differ_from_the_reading_times_are_noted() {
 }
 
 #[test]
-fn a_frozen_sensor_is_reported() {
+fn a_frozen_sensor_is_reported_and_is_an_error_if_strict() {
     let mut touches = clean();
     touches[1].tau.iter_mut().for_each(|tau| tau[6] = 0.05);
     let found = only(&touches, &[], "frozen_torque");
     says(&found, &["`Actuator7`", "1 of 3 touches: seq_1"]);
+    assert_eq!(look(&touches, &["--strict"]).0, Some(1));
 }
 
 #[test]
@@ -498,8 +484,7 @@ fn a_log_that_breaks_off_is_reported_and_the_next_path_inspected() {
     write(&folder.path().join("bad"), &touches);
     write(&folder.path().join("good"), &clean());
     let paths = ["bad", "good"].map(|name| folder.path().join(name));
-    let (exit, report) = run(inspect().args(&paths));
-    assert_eq!((exit, codes(&report)), (Some(1), vec!["unreadable"]), "{}", first(&report));
+    let report = found(run(inspect().args(&paths)), 1, &["unreadable"]);
     says(first(&report), &["NaN in row 70, column 2"]);
     assert_eq!(report["paths"][0]["frames"], 170);
     assert_eq!(report["paths"][1]["frames"], 300);
@@ -543,8 +528,7 @@ fn saturated_torques_are_reported() {
 #[test]
 fn a_touch_without_a_still_start_is_an_error_unless_the_tare_is_given() {
     let touches = Maker { still: 0, ..Maker::new() }.touches();
-    let (exit, report) = look(&touches, &[]);
-    assert_eq!((exit, codes(&report)), (Some(1), vec!["no_start"]));
+    let report = found(look(&touches, &[]), 1, &["no_start"]);
     says(first(&report), &["--tare-frames N", "--no-tare"]);
     only(&touches, &["--tare-frames", "15"], "moving_tare");
     nothing(&touches, &["--no-tare"]);
@@ -572,14 +556,6 @@ fn drift_is_reported() {
         tau[2] += 0.02 * (row - 40) as f64;
     }
     says(&only(&touches, &[], "drift"), &["seq_2: Actuator3 by", "1 of 3 touches"]);
-}
-
-#[test]
-fn strict_makes_warnings_count() {
-    let mut touches = clean();
-    touches[1].tau.iter_mut().for_each(|tau| tau[6] = 0.05);
-    assert_eq!(look(&touches, &[]).0, Some(0));
-    assert_eq!(look(&touches, &["--strict"]).0, Some(1));
 }
 
 #[test]

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use common::{Scene, URDF, succeed};
 use palpate_io::field::{SavedField, load, save};
-use recording::{codes, first, inspect, run};
+use recording::{codes, first, found, inspect, run};
 use serde_json::Value;
 
 /// Inspects the tiny arm after a change to its text.
@@ -44,8 +44,7 @@ const UPPER_SHAPE: &str = r#"<box size="0.4 0.06 0.06"/>"#;
 
 #[test]
 fn nothing_is_wrong_with_the_built_in_robot() {
-    let (exit, report) = run(inspect().args(["kinova_gen3", "--strict"]));
-    assert_eq!((exit, codes(&report)), (Some(0), vec![]), "{report}");
+    let report = found(run(inspect().args(["kinova_gen3", "--strict"])), 0, &[]);
     let robot = &report["paths"][0];
     assert_eq!(robot["joints"].as_array().unwrap().len(), 7);
     assert!((robot["mass_kg"].as_f64().unwrap() - 8.188).abs() < 0.01, "{}", robot["mass_kg"]);
@@ -58,8 +57,8 @@ fn nothing_is_wrong_with_the_built_in_robot() {
 #[test]
 fn links_without_mass_or_shape_are_reported() {
     assert_eq!(look("", "").1["paths"][0]["findings"], Value::Array(vec![]));
-    let (exit, report) = look(r#"<mass value="1"/>"#, r#"<mass value="0"/>"#);
-    assert_eq!((exit, codes(&report)), (Some(0), vec!["link_without_mass"]));
+    let without_mass = look(r#"<mass value="1"/>"#, r#"<mass value="0"/>"#);
+    let report = found(without_mass, 0, &["link_without_mass"]);
     assert_eq!(first(&report)["parts"], serde_json::json!(["upper"]));
     let shape = format!(
         "<collision><origin xyz=\"0.2 0 0\"/><geometry>{UPPER_SHAPE}</geometry></collision>"
@@ -76,19 +75,16 @@ fn millimetres_taken_for_metres_are_reported() {
 
 #[test]
 fn an_open_mesh_is_reported() {
-    let (exit, report) = look(UPPER_SHAPE, r#"<mesh filename="cup.stl"/>"#);
-    assert_eq!((exit, codes(&report)), (Some(0), vec!["open_shell"]), "{report}");
+    let report = found(look(UPPER_SHAPE, r#"<mesh filename="cup.stl"/>"#), 0, &["open_shell"]);
     assert_eq!(first(&report)["parts"], serde_json::json!(["upper"]));
 }
 
 #[test]
 fn a_robot_that_cannot_be_used_is_an_error_and_its_tree_is_reported() {
-    let (exit, report) = look(UPPER_SHAPE, r#"<mesh filename="nowhere.stl"/>"#);
-    assert_eq!((exit, codes(&report)), (Some(1), vec!["robot"]));
+    let report = found(look(UPPER_SHAPE, r#"<mesh filename="nowhere.stl"/>"#), 1, &["robot"]);
     assert!(first(&report)["what"].as_str().unwrap().contains("nowhere.stl"));
     assert_eq!(report["paths"][0]["joints"][1]["name"], "elbow");
-    let (exit, report) = look(r#"<child link="upper"/>"#, r#"<child link="fore"/>"#);
-    assert_eq!((exit, codes(&report)), (Some(1), vec!["robot"]));
+    found(look(r#"<child link="upper"/>"#, r#"<child link="fore"/>"#), 1, &["robot"]);
 }
 
 /// A field of the tiny arm, and the same after a change.
@@ -104,8 +100,7 @@ fn look_at_field(change: impl FnOnce(&mut SavedField)) -> (Option<i32>, Value) {
 
 #[test]
 fn what_a_field_holds_is_reported() {
-    let (exit, report) = look_at_field(|_| {});
-    assert_eq!((exit, codes(&report)), (Some(0), vec![]), "{report}");
+    let report = found(look_at_field(|_| {}), 0, &[]);
     let field = &report["paths"][0];
     assert_eq!((&field["kind"], &field["own"]["robot"]), (&"field".into(), &"tiny".into()));
     assert_eq!(field["own"]["lattice"]["spacing_m"], 0.03);
@@ -117,8 +112,8 @@ fn what_a_field_holds_is_reported() {
 
 #[test]
 fn fields_that_learnt_nothing_are_reported() {
-    let (exit, report) = look_at_field(|saved| saved.field.stiffness_n_per_m.fill(0.0));
-    assert_eq!((exit, codes(&report)), (Some(0), vec!["all_zero"]));
+    let zero = look_at_field(|saved| saved.field.stiffness_n_per_m.fill(0.0));
+    found(zero, 0, &["all_zero"]);
     let (_, report) = look_at_field(|saved| {
         let config = &saved.snapshot.as_ref().unwrap().config;
         let prior = config.estimator.prior.at_spacing(config.lattice.spacing_m()).1;
@@ -130,12 +125,10 @@ fn fields_that_learnt_nothing_are_reported() {
 #[test]
 fn a_field_of_another_program_and_a_broken_one_are_reported() {
     let testdata = Path::new(env!("CARGO_MANIFEST_DIR")).join("../palpate-io/testdata");
-    let (exit, report) = run(inspect().arg(testdata.join("openvsf.npz")));
-    assert_eq!((exit, codes(&report)), (Some(0), vec!["foreign_field"]));
+    let report = found(run(inspect().arg(testdata.join("openvsf.npz"))), 0, &["foreign_field"]);
     assert_eq!(report["paths"][0]["cells"], 3);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("broken.npz");
     fs::write(&path, "no archive").unwrap();
-    let (exit, report) = run(inspect().arg(&path));
-    assert_eq!((exit, codes(&report)), (Some(1), vec!["field"]));
+    found(run(inspect().arg(&path)), 1, &["field"]);
 }

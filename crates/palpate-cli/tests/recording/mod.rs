@@ -88,6 +88,14 @@ impl Touch {
     pub(crate) fn each_row(&mut self, change: impl Fn(&mut Vec<f64>)) {
         self.q.iter_mut().chain(&mut self.tau).for_each(change);
     }
+
+    pub(crate) fn negate_torques(&mut self) {
+        self.tau.iter_mut().flatten().for_each(|tau| *tau = -*tau);
+    }
+
+    pub(crate) fn turn_to_degrees(&mut self) {
+        self.q.iter_mut().flatten().for_each(|angle| *angle = angle.to_degrees());
+    }
 }
 
 /// Touches with nothing wrong in them.
@@ -133,6 +141,14 @@ pub(crate) fn run(command: &mut Command) -> (Option<i32>, Value) {
     let report = serde_json::from_slice(&output.stdout);
     let report = report.unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
     (output.status.code(), report)
+}
+
+/// Asserts an exit code and the codes of the findings of the first path, and returns the report.
+#[track_caller]
+pub(crate) fn found((exit, report): (Option<i32>, Value), wanted: i32, codes: &[&str]) -> Value {
+    let found = (exit, self::codes(&report));
+    assert_eq!(found, (Some(wanted), codes.to_vec()), "{}", report["paths"][0]["findings"]);
+    report
 }
 
 /// The findings of the first path, by their codes.
