@@ -9,11 +9,11 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use common::{Scene, json, npy, palpate, refuse, succeed};
+use common::{
+    Scene, holds, json, npy, palpate, printed, refuse, samples, succeed, touches, write_touch,
+};
 use palpate::unstable::FrictionState;
 use palpate::{Payload, Robot, Sample};
-use palpate_io::log::{self, LogEvent, LogOptions};
-use serde_json::Value;
 
 const RATE_HZ: f64 = 50.0;
 const FRAMES: usize = 500;
@@ -26,9 +26,8 @@ fn write_logs(folder: &Path, pushed: bool) {
     let robot = robot.with_payload(&Payload::new(link, 1.0, [0.0, 0.02, -0.1])).unwrap();
     let n = robot.n_joints();
     for touch in 0..3 {
-        let (mut angles, mut torques, mut times) = (Vec::new(), Vec::new(), Vec::new());
+        let mut samples: Vec<Sample> = Vec::new();
         let mut friction = vec![FrictionState::default(); n];
-        let mut last: Option<Vec<f64>> = None;
         for frame in 0..FRAMES {
             let t = frame as f64 / RATE_HZ;
             let wave = |j: usize, k: usize| {
@@ -43,23 +42,18 @@ fn write_logs(folder: &Path, pushed: bool) {
             let speed = sum(|(a, w, x)| a * w * x.cos());
             let acceleration = sum(|(a, w, x)| -a * w * w * x.sin());
             let motor = robot.inverse_dynamics(&robot.forward(&q).unwrap(), &speed, &acceleration);
+            let mut tau = Vec::new();
             for j in 0..n {
-                friction[j].advance(q[j] - last.as_ref().map_or(q[j], |last| last[j]), 2e-3);
+                friction[j].advance(q[j] - samples.last().map_or(q[j], |last| last.q[j]), 2e-3);
                 let push =
                     if pushed && touch == 2 && (200..250).contains(&frame) { 3.0 } else { 0.0 };
                 // Noise without a generator: a chaotic sequence.
                 let noise = 0.03 * ((frame * 7919 + j * 104_729) as f64).sin();
-                torques.push(-motor[j] - 0.4 * friction[j].middle() + 0.2 + push + noise);
+                tau.push(-motor[j] - 0.4 * friction[j].middle() + 0.2 + push + noise);
             }
-            last = Some(q.clone());
-            angles.extend(q);
-            times.push(t);
+            samples.push(Sample::new(Some(t), q, tau));
         }
-        let folder = folder.join(format!("seq_{touch}"));
-        fs::create_dir_all(&folder).unwrap();
-        npy(&folder.join("angles.npy"), &[FRAMES, n], &angles);
-        npy(&folder.join("torques.npy"), &[FRAMES, n], &torques);
-        npy(&folder.join("time.npy"), &[FRAMES], &times);
+        write_touch(&folder.join(format!("seq_{touch}")), &samples);
     }
 }
 
@@ -71,17 +65,44 @@ fn write_currents(folder: &Path, log: &Path, n_m: f64) {
         for what in ["actual_q", "actual_current"] {
             (0..7).for_each(|j| text += &format!(" {what}_{j}"));
         }
-        let mut period = 0;
-        let options = LogOptions::default();
-        for event in log::open(&log.join(format!("seq_{touch}")), &options).unwrap() {
-            let LogEvent::Sample(sample) = event.unwrap() else { continue };
-            text += &format!("\n{}", f64::from(period) / RATE_HZ);
-            period += 1;
+        let samples = samples(&log.join(format!("seq_{touch}")));
+        for (frame, sample) in samples.iter().enumerate() {
+            text += &format!("\n{}", frame as f64 / RATE_HZ);
             let currents = sample.tau.iter().map(|tau| -tau / n_m);
             sample.q.iter().copied().chain(currents).for_each(|x| text += &format!(" {x}"));
         }
         fs::write(folder.join(format!("robot_data_{touch}.csv")), text).unwrap();
     }
+}
+
+/// The flags for sign and gravity of the torques of these logs.
+const MEASURED: [&str; 4] = ["--torque-sign", "plus", "--gravity", "included"];
+
+/// Writes `free`, `pushed` and `arm.toml`, the arm identified from `free`.
+fn write_identified(folder: &Path) {
+    write_logs(&folder.join("free"), false);
+    write_logs(&folder.join("pushed"), true);
+    let mut identify = identify(&folder.join("free"));
+    succeed(identify.arg("--quiet").args(MEASURED).arg("-o").arg(folder.join("arm.toml")));
+}
+
+/// Writes the first touch of a log again, with other samples.
+fn write_changed(from: &Path, to: &Path, change: impl Fn(&mut Sample)) {
+    let mut samples = samples(&from.join("seq_0"));
+    samples.iter_mut().for_each(change);
+    write_touch(to, &samples);
+}
+
+fn identify(log: &Path) -> Command {
+    let mut identify = palpate();
+    identify.arg("identify").arg(log);
+    identify
+}
+
+fn torque(log: &Path, arm: &Path) -> Command {
+    let mut torque = palpate();
+    torque.arg("torque").arg(log).arg("--arm").arg(arm);
+    torque
 }
 
 #[test]
@@ -90,21 +111,16 @@ fn currents_of_a_ur_get_gains_and_are_refused_without_them() {
     let path = |name: &str| folder.path().join(name);
     write_logs(&path("free"), false);
     write_currents(&path("currents"), &path("free"), 12.5);
-    let mut identify = palpate();
-    identify.args(["identify", "--json", "--payload-link", "Bracelet_Link"]);
+    let mut identify = identify(&path("currents"));
+    identify.args(["--json", "--payload-link", "Bracelet_Link"]);
     identify.args(["--payload-mass-kg", "1", "--payload-com-m", "0,0.02,-0.1"]);
-    let found = json(identify.arg(path("currents")).arg("-o").arg(path("arm.toml")));
+    let found = json(identify.arg("-o").arg(path("arm.toml")));
     for joint in &found["joints"].as_array().unwrap()[1..6] {
         assert!((joint["gain"]["value"].as_f64().unwrap() * 12.5 - 1.0).abs() < 0.05, "{joint}");
     }
     assert_eq!(found["notes"].as_array().unwrap().len(), 0, "{}", found["notes"]);
-    let report = json(
-        palpate()
-            .args(["torque", "--json", "--strict"])
-            .arg(path("currents"))
-            .arg("--arm")
-            .arg(path("arm.toml")),
-    );
+    let mut torque = torque(&path("currents"), &path("arm.toml"));
+    let report = json(torque.args(["--json", "--strict"]));
     assert_eq!(report["contacts"].as_array().unwrap().len(), 0, "{report}");
 
     for (command, output) in [("torque", "none.csv"), ("map", "none.npz")] {
@@ -115,13 +131,8 @@ fn currents_of_a_ur_get_gains_and_are_refused_without_them() {
         );
     }
     let report = json(palpate().args(["inspect", "--json"]).arg(path("currents")));
-    let codes: Vec<&Value> = report["paths"][0]["findings"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|finding| &finding["code"])
-        .collect();
-    assert_eq!(codes, ["currents"]);
+    let findings = report["paths"][0]["findings"].as_array().unwrap();
+    assert_eq!((findings.len(), &findings[0]["code"]), (1, &"currents".into()));
 }
 
 #[test]
@@ -130,11 +141,9 @@ fn an_arm_is_identified_and_its_torques_show_the_contact() {
     let path = |name: &str| folder.path().join(name);
     write_logs(&path("free"), false);
     write_logs(&path("pushed"), true);
-    let mut identify = palpate();
-    identify.args(["--quiet", "identify", "--json"]).arg(path("free"));
-    identify.arg("-o").arg(path("arm.toml")).arg("--urdf").arg(path("arm.urdf"));
-    identify.args(["--tool-link", "Bracelet_Link"]);
-    let found = json(&mut identify);
+    let mut identify = identify(&path("free"));
+    identify.args(["--quiet", "--json", "--tool-link", "Bracelet_Link", "-o"]);
+    let found = json(identify.arg(path("arm.toml")).arg("--urdf").arg(path("arm.urdf")));
     let mass = found["payload"]["mass_kg"]["value"].as_f64().unwrap();
     assert!((mass - 1.0).abs() < 0.03, "{}", found["payload"]);
     assert!(found["urscript"].as_str().unwrap().starts_with("set_target_payload("), "{found}");
@@ -150,17 +159,8 @@ fn an_arm_is_identified_and_its_torques_show_the_contact() {
     for (file, more) in
         [("t.csv", &[][..]), ("t.parquet", &["--causal"]), ("t.mcap", &["--causal"])]
     {
-        let mut torque = palpate();
-        torque.args([
-            "--quiet",
-            "torque",
-            "--json",
-            "--torque-sign",
-            "plus",
-            "--gravity",
-            "included",
-        ]);
-        torque.arg(path("pushed")).arg("--arm").arg(path("arm.toml")).arg("-o").arg(path(file));
+        let mut torque = torque(&path("pushed"), &path("arm.toml"));
+        torque.args(["--quiet", "--json", "-o"]).arg(path(file)).args(MEASURED);
         let report = json(torque.args(more));
         let contacts = report["contacts"].as_array().unwrap();
         assert_eq!(contacts.len(), 1, "{file}: {contacts:?}");
@@ -172,57 +172,8 @@ fn an_arm_is_identified_and_its_torques_show_the_contact() {
     let table = fs::read_to_string(path("t.csv")).unwrap();
     assert_eq!(table.lines().count(), 1 + 3 * FRAMES);
     assert!(table.starts_with("touch,time,Actuator1_torque,"), "{}", &table[..60]);
-    let events = log::open(&path("t.mcap"), &LogOptions::default()).unwrap();
-    let samples = events.map(Result::unwrap).filter(|event| matches!(event, LogEvent::Sample(_)));
-    assert_eq!(samples.count(), 3 * FRAMES);
-}
-
-/// The flags for sign and gravity of the torques of these logs.
-const MEASURED: [&str; 4] = ["--torque-sign", "plus", "--gravity", "included"];
-
-/// Writes `free`, `pushed` and `arm.toml`, the arm identified from `free`.
-fn write_identified(folder: &Path) {
-    write_logs(&folder.join("free"), false);
-    write_logs(&folder.join("pushed"), true);
-    let mut identify = palpate();
-    identify.args(["--quiet", "identify"]).arg(folder.join("free")).args(MEASURED);
-    succeed(identify.arg("-o").arg(folder.join("arm.toml")));
-}
-
-/// Writes the first touch of a log again, with other samples.
-fn write_changed(from: &Path, to: &Path, change: impl Fn(&mut Sample)) {
-    let events = log::open(&from.join("seq_0"), &LogOptions::default()).unwrap();
-    let (mut angles, mut torques, mut times) = (Vec::new(), Vec::new(), Vec::new());
-    for event in events {
-        let LogEvent::Sample(mut sample) = event.unwrap() else { continue };
-        change(&mut sample);
-        angles.extend(sample.q);
-        torques.extend(sample.tau);
-        times.push(sample.time_s.unwrap());
-    }
-    fs::create_dir_all(to).unwrap();
-    npy(&to.join("angles.npy"), &[FRAMES, 7], &angles);
-    npy(&to.join("torques.npy"), &[FRAMES, 7], &torques);
-    npy(&to.join("time.npy"), &[FRAMES], &times);
-}
-
-/// Runs a command that must succeed, and returns its stdout and stderr.
-fn printed(command: &mut Command) -> (String, String) {
-    let done = command.output().unwrap();
-    assert!(done.status.success(), "{}", common::stderr(&done));
-    (String::from_utf8(done.stdout.clone()).unwrap(), common::stderr(&done))
-}
-
-fn identify(log: &Path) -> Command {
-    let mut identify = palpate();
-    identify.args(["identify", "--robot", "kinova_gen3"]).arg(log);
-    identify
-}
-
-fn torque(log: &Path, arm: &Path) -> Command {
-    let mut torque = palpate();
-    torque.args(["torque", "--robot", "kinova_gen3"]).arg(log).arg("--arm").arg(arm);
-    torque
+    let touches = touches(&path("t.mcap"));
+    assert_eq!(touches.iter().map(|touch| touch.samples.len()).sum::<usize>(), 3 * FRAMES);
 }
 
 #[test]
@@ -230,10 +181,11 @@ fn free_motion_has_no_contact_and_its_largest_torque_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let (free, arm) = (folder.path().join("free"), folder.path().join("arm.toml"));
     write_logs(&free, false);
-    let (stdout, stderr) = printed(identify(&free).arg("-o").arg(&arm));
+    let robot = ["--robot", "kinova_gen3"];
+    let (stdout, stderr) = printed(identify(&free).args(robot).arg("-o").arg(&arm));
     let next = format!("Next: palpate torque LOG --robot kinova_gen3 --arm {}\n", arm.display());
     assert!(stdout.ends_with(&next) && !stderr.contains("warning"), "{stdout}{stderr}");
-    let (stdout, stderr) = printed(&mut torque(&free, &arm));
+    let (stdout, stderr) = printed(torque(&free, &arm).args(robot));
     assert!(stdout.contains("No contact was found: the largest torque is"), "{stdout}");
     assert!(!stderr.contains("warning"), "{stderr}");
     let (_, stderr) = printed(torque(&free, &arm).args(["--bandwidth-hz", "2"]));
@@ -241,7 +193,7 @@ fn free_motion_has_no_contact_and_its_largest_torque_is_reported() {
     // The motion begins at once, which is allowed with an identified arm.
     let mut inspect = palpate();
     inspect.args(["inspect", "--json"]).arg(&free);
-    assert!(String::from_utf8(inspect.output().unwrap().stdout).unwrap().contains("no_start"));
+    assert!(common::stdout(&inspect.output().unwrap()).contains("no_start"));
     let report = json(inspect.arg("--arm").arg(&arm));
     assert!(!report.to_string().contains("no_start"), "{report}");
     let tare = ["--tare-frames", "99999"];
@@ -292,10 +244,7 @@ fn what_looks_wrong_with_a_log_is_reported_before_its_torques_are_used() {
     write_changed(&path("free"), &path("small"), small);
     let mut command = identify(&path("small"));
     let (_, stderr) = printed(&mut command);
-    assert!(
-        stderr.contains("are they in mN·m?") && stderr.contains("warning: on held-out motion"),
-        "{stderr}"
-    );
+    holds(&stderr, &["are they in mN·m?", "warning: on held-out motion"]);
     // The log passes the checks, but no parameters of an arm explain its torques.
     let count = Cell::new(0);
     let shake = |sample: &mut Sample| {
@@ -321,7 +270,7 @@ fn a_field_of_an_identified_arm_goes_on_with_it_and_not_without() {
         map.args(["--quiet", "map", "--tune=off"]).arg(path("pushed/seq_2")).args(from);
         succeed(map.arg("--arm").arg(path("arm.toml")).arg("-o").arg(path(out)));
     };
-    map(&["--spacing-m", "0.03", "--torque-sign", "plus", "--gravity", "included"], "one.npz");
+    map(&[&["--spacing-m", "0.03"], &MEASURED[..]].concat(), "one.npz");
     let from = path("one.npz");
     map(&["--from", from.to_str().unwrap()], "two.npz");
     // To map without the arm is refused; to predict without it needs sign and gravity of the torques.
@@ -340,10 +289,9 @@ fn a_field_of_an_identified_arm_goes_on_with_it_and_not_without() {
     succeed(predict(&MEASURED).arg("--no-tare"));
     succeed(predict(&MEASURED).arg("--arm").arg(path("arm.toml")));
     // Touches with the same name stay separate.
-    let mut torque = palpate();
-    torque.args(["--quiet", "torque", "--json"]).arg(path("pushed")).arg(path("free"));
-    torque.args(MEASURED).arg("--arm").arg(path("arm.toml")).arg("-o").arg(path("both.csv"));
-    let report = json(&mut torque);
+    let mut torque = torque(&path("pushed"), &path("arm.toml"));
+    torque.arg(path("free")).args(["--quiet", "--json"]).args(MEASURED);
+    let report = json(torque.arg("-o").arg(path("both.csv")));
     assert_eq!(report["touches"][0], "pushed/seq_0");
     assert_eq!(report["contacts"].as_array().unwrap().len(), 1);
     assert_eq!(report["contacts"][0]["touch"], "pushed/seq_2");
@@ -357,8 +305,7 @@ fn settings_are_chosen_from_external_torques() {
     let mut map = palpate();
     map.args(["map", "--json", "--tune=quick", "--spacing-m", "0.05"]).arg(path("free"));
     map.args(MEASURED).arg("--arm").arg(path("arm.toml")).arg("-o").arg(path("field.npz"));
-    let done = map.output().unwrap();
-    assert!(done.status.success(), "{}", common::stderr(&done));
+    succeed(&mut map);
     let field = palpate_io::field::load(&path("field.npz")).unwrap().field;
     assert!(field.touch.identified);
     // In free motion only noise remains, so that no cell is stiff.
@@ -377,7 +324,6 @@ fn unusable_logs_are_refused_with_what_is_missing() {
     let scene = Scene::new();
     let run = |more: &[&str]| identify_tiny(&scene, more);
     let log = scene.text("log");
-    let included = ["--gravity", "included", "--torque-sign", "plus"];
     refuse(
         run(&[&log, "--gravity", "removed", "--torque-sign", "plus"]).arg("--json"),
         2,
@@ -385,12 +331,12 @@ fn unusable_logs_are_refused_with_what_is_missing() {
     );
     refuse(&mut run(&[&log, "--arm", "arm.toml"]), 2, &["writes the file for --arm"]);
     refuse(
-        run(&[&log, "--tool-link", "hand"]).args(included),
+        run(&[&log, "--tool-link", "hand"]).args(MEASURED),
         2,
         &["no joint moves a link `hand`"],
     );
     // Joints on which gravity exerts no torque, and no clock.
-    let report = json(run(&[&log, "--quiet", "--json"]).args(included));
+    let report = json(run(&[&log, "--quiet", "--json"]).args(MEASURED));
     let notes = report["notes"].as_array().unwrap();
     let says = |words: &str| notes.iter().any(|note| note.as_str().unwrap().contains(words));
     assert!(says("no clock") && says("the payload cannot be determined"), "{notes:?}");
@@ -400,7 +346,7 @@ fn unusable_logs_are_refused_with_what_is_missing() {
     fs::create_dir(&still).unwrap();
     npy(&still.join("angles.npy"), &[30, 2], &[0.1; 60]);
     npy(&still.join("torques.npy"), &[30, 2], &[1.0; 60]);
-    refuse(run(&[still.to_str().unwrap()]).args(included), 2, &["no joint moves"]);
+    refuse(run(&[still.to_str().unwrap()]).args(MEASURED), 2, &["no joint moves"]);
 
     fs::write(scene.path("arm.toml"), "version = 2\nrobot = \"tiny\"\ndelay_s = \"late\"\n")
         .unwrap();
@@ -409,7 +355,7 @@ fn unusable_logs_are_refused_with_what_is_missing() {
         .args(["torque", "--no-cache", "--robot"])
         .arg(scene.path("tiny.urdf"))
         .arg(&log)
-        .args(included);
+        .args(MEASURED);
     refuse(torque.arg("--arm").arg(scene.path("arm.toml")), 2, &["arm.toml", "delay_s"]);
 }
 
@@ -417,7 +363,6 @@ fn unusable_logs_are_refused_with_what_is_missing() {
 fn a_joint_with_another_name_in_the_log_is_renamed() {
     let scene = Scene::new();
     let run = |more: &[&str]| identify_tiny(&scene, more);
-    let included = ["--gravity", "included", "--torque-sign", "plus"];
     let table = "touch,time,a_position,elbow_position,a_effort,elbow_effort\n";
     let rows = (0..60).map(|k| {
         format!(
@@ -431,16 +376,16 @@ fn a_joint_with_another_name_in_the_log_is_renamed() {
     let text: String = rows.collect();
     fs::write(scene.path("named.csv"), format!("{table}{text}")).unwrap();
     let named = scene.text("named.csv");
-    refuse(run(&[&named]).args(included), 1, &["shoulder"]);
-    refuse(run(&[&named, "--rename", "a=wrist"]).args(included), 2, &["--rename", "joint `wrist`"]);
-    let report = json(run(&[&named, "--quiet", "--json", "--rename", "a=shoulder"]).args(included));
+    refuse(run(&[&named]).args(MEASURED), 1, &["shoulder"]);
+    refuse(run(&[&named, "--rename", "a=wrist"]).args(MEASURED), 2, &["--rename", "joint `wrist`"]);
+    let report = json(run(&[&named, "--quiet", "--json", "--rename", "a=shoulder"]).args(MEASURED));
     assert_eq!(report["joints"][0]["name"], "a");
     // Two names are exchanged.
     let swapped = table.replace("a_", "x_").replace("elbow", "shoulder").replace("x_", "elbow_");
     fs::write(scene.path("swapped.csv"), format!("{swapped}{text}")).unwrap();
     let both = ["--rename", "elbow=shoulder", "--rename", "shoulder=elbow"];
     let log = scene.text("swapped.csv");
-    let again = json(run(&[&log, "--quiet", "--json"]).args(both).args(included));
+    let again = json(run(&[&log, "--quiet", "--json"]).args(both).args(MEASURED));
     assert_eq!(again["joints"][0]["name"], "elbow");
     assert_eq!(again["joints"][0]["bias_n_m"], report["joints"][0]["bias_n_m"]);
 }
