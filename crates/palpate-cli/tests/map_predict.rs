@@ -5,7 +5,7 @@ mod common;
 
 use std::fs;
 
-use common::{Scene, json, npy, palpate, refuse, succeed};
+use common::{Scene, json, npy, palpate, printed, refuse, succeed};
 use palpate_io::field::{SavedField, load};
 use serde_json::Value;
 
@@ -56,21 +56,28 @@ fn a_relative_error_is_null_where_no_frame_reaches_a_newton_metre() {
 }
 
 #[test]
-fn mapping_in_two_halves_equals_mapping_at_once() {
-    for estimator in ["map", "ekf"] {
-        let scene = Scene::new();
-        let at = |name: &str| scene.text(name);
-        let with = ["--estimator", estimator];
-        succeed(&mut scene.map(&["log"], &[&with[..], &["-o", &at("once.npz")]].concat()));
-        succeed(&mut scene.map(&["log/seq_0"], &[&with[..], &["-o", &at("half.npz")]].concat()));
-        let (from, to) = (at("half.npz"), at("both.npz"));
-        succeed(&mut scene.map(&["log/seq_1"], &["--from", &from, "-o", &to]));
+fn mapping_in_two_halves_equals_mapping_at_once_with_a_prior_too() {
+    let scene = Scene::new();
+    let [prior, once, half, both] =
+        ["prior", "once", "half", "both"].map(|name| scene.text(&format!("{name}.npz")));
+    succeed(&mut scene.map(&["log/seq_1"], &["-o", &prior]));
+    let expected = field(&scene, "prior.npz").field.cells.len();
+    let priors = [(&[][..], 0), (&["--prior", &prior][..], expected)];
+    for (estimator, (prior, expected)) in
+        ["map", "ekf"].into_iter().flat_map(|estimator| priors.map(|prior| (estimator, prior)))
+    {
+        let with = [&["--estimator", estimator][..], prior].concat();
+        succeed(&mut scene.map(&["log"], &[&with[..], &["-o", &once]].concat()));
+        succeed(&mut scene.map(&["log/seq_0"], &[&with[..], &["-o", &half]].concat()));
+        let go_on = ["--from", &half, "-o", &both, "--json"];
+        let mapped = json(&mut scene.map(&["log/seq_1"], &go_on));
+        assert_eq!(mapped["cells_expected"], expected, "{estimator}");
         let (once, both) = (field(&scene, "once.npz"), field(&scene, "both.npz"));
         let bits = |saved: &SavedField| -> Vec<u64> {
             saved.field.stiffness_n_per_m.iter().map(|k| k.to_bits()).collect()
         };
         assert_eq!(bits(&once), bits(&both), "{estimator}");
-        assert_eq!(once.field, both.field, "{estimator}");
+        assert_eq!((&once.field, &once.prior_n_per_m), (&both.field, &both.prior_n_per_m));
     }
 }
 
@@ -193,10 +200,10 @@ fn the_ending_of_a_picture_decides_its_format() {
 fn a_touch_that_meets_no_known_point_is_noted() {
     let scene = Scene::new();
     let away = ["--box-low-m", "5,5,5", "--box-high-m", "6,6,6"];
-    let output = scene.map(&["log"], &away).output().unwrap();
-    assert!(common::stderr(&output).contains("0 of 80 frames touch the lattice"));
-    let output = scene.predict(&["log"], &[]).output().unwrap();
-    assert!(common::stderr(&output).contains("no touch reaches a cell that is in the field"));
+    let (_, said) = printed(&mut scene.map(&["log"], &away));
+    assert!(said.contains("0 of 80 frames touch the lattice"), "{said}");
+    let (_, said) = printed(&mut scene.predict(&["log"], &[]));
+    assert!(said.contains("no touch reaches a cell that is in the field"), "{said}");
 }
 
 #[test]
@@ -253,8 +260,7 @@ fn going_on_with_the_settings_that_made_the_field_works_for_any_box() {
     let out = scene.text("out/s.npz");
     let file = scene.text("s.toml");
     let map = |log: &str, more: &[&str]| {
-        let mut map = palpate();
-        map.arg("map").arg(scene.path(log)).args(scene.settings());
+        let mut map = scene.command("map", &[log]);
         map.args(["-o", &out, "--settings", &file]).args(more);
         map
     };
@@ -281,8 +287,7 @@ fn a_fine_field_goes_on_without_its_box() {
     let scene = Scene::new();
     let out = scene.text("out/fine.npz");
     let map = |log: &str, more: &[&str]| {
-        let mut map = palpate();
-        map.arg("map").arg(scene.path(log)).args(scene.settings());
+        let mut map = scene.command("map", &[log]);
         map.args(["-o", &out, "--spacing-m", "0.001"]).args(more);
         map
     };
@@ -306,8 +311,7 @@ fn degrees_are_refused_for_a_robot_that_slides() {
     let words = ["elbow", "prismatic", "radians"];
     refuse(&mut scene.map(&["log"], &degrees), 2, &words);
     refuse(&mut scene.predict(&["log"], &degrees), 2, &words);
-    let mut inspect = palpate();
-    inspect.arg("inspect").arg(scene.path("log")).args(scene.settings()).args(degrees);
-    let text = common::stdout(&inspect.output().unwrap());
+    let mut inspect = scene.command("inspect", &["log"]);
+    let text = common::stdout(&inspect.args(degrees).output().unwrap());
     assert!(text.contains("prismatic"), "{text}");
 }

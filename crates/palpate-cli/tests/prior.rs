@@ -6,7 +6,7 @@ mod common;
 use std::path::Path;
 use std::process::Command;
 
-use common::{Scene, json, palpate, refuse, stderr, stdout, succeed};
+use common::{Scene, holds, json, palpate, plant, printed, refuse, succeed};
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
 use palpate_io::field::{SavedField, load, save};
 
@@ -57,10 +57,9 @@ fn a_field_learnt_yesterday_is_a_prior_for_today() {
     let both = touched(&is.counts[..expected]);
     assert!(0 < both && both < expected, "{both} of {expected}");
     assert_eq!(mapped["cells_expected_and_touched"], both);
-    let output = with_prior(&scene, "out/first.npz", &[]).output().unwrap();
-    assert!(stdout(&output).contains(&format!("{expected}, {both} of them touched")));
-    let words = format!("the prior means of {expected} cells are `K` of");
-    assert!(stderr(&output).contains(&words), "{}", stderr(&output));
+    let (text, said) = printed(&mut with_prior(&scene, "out/first.npz", &[]));
+    holds(&text, &[&format!("{expected}, {both} of them touched")]);
+    holds(&said, &[&format!("the prior means of {expected} cells are `K` of")]);
     // The other touch is predicted from it as if it had been learnt.
     let report = json(&mut scene.predict(&["log/seq_0"], &["--json"]));
     assert!(report["overall"]["avg_relative"].as_f64() < Some(0.9), "{report}");
@@ -79,36 +78,13 @@ fn the_prior_means_of_a_field_take_precedence_over_its_learnt_stiffness() {
     change(&scene, "out/first.npz", |saved| {
         saved.prior_n_per_m = Some(vec![0.125; saved.field.cells.len()]);
     });
-    let output = with_prior(&scene, "out/first.npz", &[]).output().unwrap();
-    assert!(stderr(&output).contains("are `K_prior` of"), "{}", stderr(&output));
+    let (_, said) = printed(&mut with_prior(&scene, "out/first.npz", &[]));
+    assert!(said.contains("are `K_prior` of"), "{said}");
     let (second, expected) = (field(&scene, "out/field.npz"), field(&scene, "out/first.npz"));
     let prior = second.prior_n_per_m.unwrap();
     let (expected, others) = prior.split_at(expected.field.cells.len());
     assert!(expected.iter().all(|&k| k == 0.125) && others.iter().all(|&k| k == 0.0));
     assert!(!others.is_empty());
-}
-
-#[test]
-fn mapping_in_two_halves_equals_mapping_at_once_with_a_prior_too() {
-    let scene = scene();
-    let prior = scene.text("out/first.npz");
-    let at = |name: &str| scene.text(name);
-    for estimator in ["map", "ekf"] {
-        let with = ["--prior", &prior, "--estimator", estimator];
-        let to = |name: &str| [&with[..], &["-o", &at(name)]].concat().join("\n");
-        let map = |logs: &[&str], flags: &str| {
-            succeed(&mut scene.map(logs, &flags.split('\n').collect::<Vec<_>>()))
-        };
-        map(&["log/seq_1", "log/seq_0"], &to("once.npz"));
-        map(&["log/seq_1"], &to("half.npz"));
-        let (from, both) = (at("half.npz"), at("both.npz"));
-        let mapped =
-            json(&mut scene.map(&["log/seq_0"], &["--from", &from, "-o", &both, "--json"]));
-        let (once, both) = (field(&scene, "once.npz"), field(&scene, "both.npz"));
-        assert_eq!((&once.field, &once.prior_n_per_m), (&both.field, &both.prior_n_per_m));
-        let expected = field(&scene, "out/first.npz").field.cells.len();
-        assert_eq!(mapped["cells_expected"], expected, "{estimator}");
-    }
 }
 
 #[test]
@@ -137,17 +113,11 @@ fn a_prior_in_another_lattice_is_refused_with_the_flags_that_give_it() {
     let mut coarser = with_prior(&scene, "out/first.npz", &["--settings"]);
     std::fs::write(scene.path("s.toml"), "[lattice]\n").unwrap();
     coarser.arg(scene.path("s.toml")).args(["--box-high-m", "1.0,1.2,1.2"]);
-    let output = coarser.output().unwrap();
-    let said = stderr(&output);
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    for words in ["[80, 80, 80] points every 0.03 m", "[73, 80, 80] points", "make the prior again"]
-    {
-        assert!(said.contains(words), "`{words}` is not in: {said}");
-    }
+    let words = ["[80, 80, 80] points every 0.03 m", "[73, 80, 80] points", "make the prior again"];
+    let said = refuse(&mut coarser, 2, &words);
     // The flags that the error gives work.
     let advice = said.split_once("give ").unwrap().1.split_once(", or make").unwrap().0;
-    let mut map = palpate();
-    map.arg("map").arg(scene.path("log/seq_1")).args(scene.settings());
+    let mut map = scene.command("map", &["log/seq_1"]);
     map.arg("-o").arg(scene.path("out/field.npz"));
     map.arg("--prior").arg(scene.path("out/first.npz")).args(advice.split(' '));
     succeed(&mut map);
@@ -170,16 +140,11 @@ fn a_prior_beside_from_or_of_impossible_stiffness_or_replaced_by_the_result_is_r
 fn a_prior_learnt_with_another_contact_model_is_used_and_reported() {
     let scene = scene();
     let more = ["--friction", "0.9", "--contact-distance-m", "0.03"];
-    let output = with_prior(&scene, "out/first.npz", &more).output().unwrap();
-    assert!(output.status.success());
-    let said = stderr(&output);
-    for words in
-        ["another contact model", "friction is 0.3, not 0.9", "contact_distance_m is 0.024"]
-    {
-        assert!(said.contains(words), "`{words}` is not in: {said}");
-    }
-    let same = with_prior(&scene, "out/first.npz", &[]).output().unwrap();
-    assert!(!stderr(&same).contains("contact model"));
+    let (_, said) = printed(&mut with_prior(&scene, "out/first.npz", &more));
+    let differs = ["friction is 0.3, not 0.9", "contact_distance_m is 0.024"];
+    holds(&said, &[&["another contact model"], &differs[..]].concat());
+    let (_, said) = printed(&mut with_prior(&scene, "out/first.npz", &[]));
+    assert!(!said.contains("contact model"));
 }
 
 #[test]
@@ -198,10 +163,9 @@ fn a_picture_shows_touched_cells_and_not_those_with_a_prior_only() {
 #[test]
 fn half_of_the_bundled_touches_improve_the_prediction_of_the_other_half() {
     let scene = Scene::new();
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../data/plant_a");
     let map = |touches: [&str; 3], to: &str, more: &[&str]| {
         let mut map = palpate();
-        map.arg("map").args(touches.map(|touch| data.join(touch))).args(more);
+        map.arg("map").args(touches.map(|touch| plant().join(touch))).args(more);
         map.args(["--json", "--no-cache", "--bake-spacing-m", "0.01", "--spacing-m", "0.024"]);
         json(map.args(["--replays", "3", "--tune=off", "-o", &scene.text(to)]))
     };
