@@ -35,7 +35,7 @@ pub(crate) struct PaceArgs {
     /// Rate of the steps, from 0.1 to 100000 Hz: instead of a fixed number of replays, each step makes
     /// as many as fit into its remaining time (`ekf`: at most `replays`). The field then depends on
     /// the speed of the machine
-    #[arg(long, value_name = "HZ", value_parser = hertz)]
+    #[arg(long, value_name = "HZ", value_parser = number_in(0.1..=100_000.0, "a number from 0.1 to 100000 Hz"))]
     rate: Option<f64>,
 }
 
@@ -55,10 +55,6 @@ fn policy(method: EstimatorKind) -> ReplayPolicy {
         EstimatorKind::Map | EstimatorKind::Elastic => ReplayPolicy::SpareTimeUnbounded,
         EstimatorKind::Ekf => ReplayPolicy::SpareTime,
     }
-}
-
-fn hertz(text: &str) -> Result<f64, String> {
-    number_in(0.1..=100_000.0, "a number from 0.1 to 100000 Hz")(text)
 }
 
 /// Fills the remaining time of steps with replays.
@@ -207,13 +203,5 @@ mod tests {
         assert!(pace(None).is_none() && pace(Some(17.0)).is_some());
         assert_eq!(policy(EstimatorKind::Map), ReplayPolicy::SpareTimeUnbounded);
         assert_eq!(policy(EstimatorKind::Ekf), ReplayPolicy::SpareTime);
-    }
-
-    #[test]
-    fn rates_out_of_range_are_refused() {
-        for text in ["0", "0.09", "-17", "100001", "inf", "nan", "fast", ""] {
-            assert!(hertz(text).unwrap_err().contains("from 0.1 to 100000 Hz"), "{text}");
-        }
-        assert_eq!((hertz("0.1"), hertz("17"), hertz("1e5")), (Ok(0.1), Ok(17.0), Ok(1e5)));
     }
 }

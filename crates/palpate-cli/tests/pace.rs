@@ -10,8 +10,7 @@ use serde_json::Value;
 
 /// How the pace was kept in a measurement of one touch.
 fn pace(scene: &Scene, more: &[&str]) -> Value {
-    let mut command = palpate();
-    command.arg("bench").arg(scene.path("log/seq_0")).args(scene.settings());
+    let mut command = scene.command("bench", &["log/seq_0"]);
     let figures = json(command.args(["--spacing-m", "0.02", "--json"]).args(more));
     figures["pace"].clone()
 }
@@ -67,10 +66,13 @@ fn a_field_mapped_at_a_pace_says_so_and_keeps_its_setting_of_replays() {
 #[test]
 fn a_rate_out_of_range_is_refused_with_what_was_found_and_wanted() {
     let scene = Scene::new();
-    for rate in ["0", "-5", "0.01", "100001", "inf", "nan", "often"] {
+    for rate in ["0", "-5", "0.09", "100001", "inf", "nan", "often", ""] {
         let words = ["--rate", rate, "from 0.1 to 100000 Hz"];
         refuse(&mut scene.map(&["log"], &["--rate", rate]), 2, &words);
         refuse(palpate().args(["bench", "--rate", rate]), 2, &words);
+    }
+    for rate in ["0.1", "1e5"] {
+        refuse(palpate().args(["bench", "nowhere", "--rate", rate]), 1, &["nowhere"]);
     }
     assert!(scene.results().is_empty());
 }
