@@ -6,7 +6,7 @@
 //! the whole external torque, and predicts the next sample from the field alone.
 
 use std::fmt::{self, Formatter};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
@@ -22,7 +22,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use crate::latest_queue::LatestQueue;
 use crate::run::MappedSample;
 use crate::session::SessionState;
-use crate::threads::Shared;
+use crate::threads::{Shared, lock};
 
 /// Largest number of samples that wait for the body to be bent.
 const SAMPLES: usize = 4096;
@@ -303,11 +303,6 @@ impl fmt::Debug for LiveElasticBody {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         f.debug_struct("LiveElasticBody").field("waiting", &self.waiting()).finish_non_exhaustive()
     }
-}
-
-/// Locks a mutex. No thread panics while it holds the lock; after a panic the data would still be valid.
-fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
-    of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Records the samples of a touch: all samples of the tare, then about 100 per second.

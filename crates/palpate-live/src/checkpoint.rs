@@ -5,14 +5,15 @@
 //! the next one waits.
 
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
 use palpate_io::field::{self, SavedField};
 
 use crate::body::LiveElasticBody;
+use crate::threads::lock;
 
 /// File and interval of the checkpoints.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -77,33 +78,29 @@ pub(crate) fn write(
     for (number, mut saved) in from_mapper {
         body.inspect(|body| body.put_into(&mut saved));
         let result = field::save(path, &saved).map(|()| Instant::now());
-        *written.lock() = Some((number, result.map_err(|error| error.to_string())));
+        *lock(&written.last) = Some((number, result.map_err(|error| error.to_string())));
     }
 }
 
 impl Written {
     /// Age of the last checkpoint, s; `None` if it was not written.
     pub(crate) fn age_s(&self) -> Option<f64> {
-        let last = self.lock();
+        let last = lock(&self.last);
         Some(last.as_ref()?.1.as_ref().ok()?.elapsed().as_secs_f64())
     }
 
     /// Result of this checkpoint or of a later one; `None` until one of them is finished.
     pub(crate) fn result(&self, number: u64) -> Option<Result<(), String>> {
-        let last = self.lock();
+        let last = lock(&self.last);
         let (written, result) = last.as_ref()?;
         (*written >= number).then(|| result.as_ref().map(|_| ()).map_err(Clone::clone))
     }
 
     /// Why the last checkpoint could not be written; each failure is returned once.
     pub(crate) fn failure(&self) -> Option<String> {
-        let last = self.lock();
+        let last = lock(&self.last);
         let (number, result) = last.as_ref()?;
         let why = result.as_ref().err()?;
         (self.reported.swap(*number, Ordering::Relaxed) != *number).then(|| why.clone())
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Option<(u64, Result<Instant, String>)>> {
-        self.last.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -4,8 +4,10 @@
 //! newest are kept, since the present state of the robot matters most.
 
 use std::collections::VecDeque;
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::Duration;
+
+use crate::threads::lock;
 
 /// A bounded queue that keeps the newest items.
 #[derive(Debug)]
@@ -31,7 +33,7 @@ impl<T> LatestQueue<T> {
 
     /// Adds an item; drops the oldest one if the queue is full.
     pub fn push(&self, item: T) {
-        let mut queue = self.lock();
+        let mut queue = lock(&self.queue);
         if queue.items.len() >= self.capacity {
             queue.items.pop_front();
             queue.dropped += 1;
@@ -44,7 +46,7 @@ impl<T> LatestQueue<T> {
     /// Removes the oldest item; waits for one for at most `patience`, or until [`LatestQueue::wake`] is
     /// called.
     pub fn pop(&self, patience: Duration) -> Option<T> {
-        let queue = self.lock();
+        let queue = lock(&self.queue);
         let nothing = |queue: &mut Queue<T>| queue.items.is_empty() && !queue.woken;
         let waited = self.filled.wait_timeout_while(queue, patience, nothing);
         let (mut queue, _) = waited.unwrap_or_else(PoisonError::into_inner);
@@ -54,13 +56,13 @@ impl<T> LatestQueue<T> {
 
     /// Ends the present or the next wait in [`LatestQueue::pop`] early.
     pub fn wake(&self) {
-        self.lock().woken = true;
+        lock(&self.queue).woken = true;
         self.filled.notify_one();
     }
 
     /// Number of items that wait.
     pub fn len(&self) -> usize {
-        self.lock().items.len()
+        lock(&self.queue).items.len()
     }
 
     /// Whether no item waits.
@@ -70,12 +72,7 @@ impl<T> LatestQueue<T> {
 
     /// Number of items dropped so far.
     pub fn dropped(&self) -> u64 {
-        self.lock().dropped
-    }
-
-    /// No thread panics while it holds the lock; after a panic the queue would still be valid.
-    fn lock(&self) -> MutexGuard<'_, Queue<T>> {
-        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.queue).dropped
     }
 }
 

@@ -33,7 +33,7 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -45,7 +45,7 @@ use serde_json::json;
 
 use crate::body::LiveElasticBody;
 use crate::question::{MAX_POINTS, PathReply, PathRequest};
-use crate::threads::{Shared, spawn};
+use crate::threads::{Shared, lock, spawn};
 
 /// Largest number of connected clients.
 const MAX_CLIENTS: usize = 8;
@@ -171,7 +171,7 @@ impl Clients {
     /// Adds a client. If the list is full, disconnects the client that has been idle for longest; returns
     /// `None` if none is idle.
     fn admit(&self, stream: &Arc<UnixStream>) -> Option<Client<'_>> {
-        let mut slots = self.slots();
+        let mut slots = lock(&self.0);
         if slots.len() >= MAX_CLIENTS {
             let idle = slots.iter().enumerate().filter_map(|(n, slot)| Some((slot.idle?, n)));
             let (_, longest) = idle.min()?;
@@ -181,16 +181,12 @@ impl Clients {
         slots.push(ClientSlot { stream: Arc::clone(stream), idle: Some(Instant::now()) });
         Some(Client { clients: self, stream: Arc::clone(stream) })
     }
-
-    fn slots(&self) -> MutexGuard<'_, Vec<ClientSlot>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 impl Client<'_> {
     /// Records whether the client is idle, that is, does not wait for an answer.
     fn set_idle(&self, idle: bool) {
-        let mut slots = self.clients.slots();
+        let mut slots = lock(&self.clients.0);
         if let Some(slot) = slots.iter_mut().find(|slot| Arc::ptr_eq(&slot.stream, &self.stream)) {
             slot.idle = idle.then(Instant::now);
         }
@@ -199,7 +195,7 @@ impl Client<'_> {
 
 impl Drop for Client<'_> {
     fn drop(&mut self) {
-        self.clients.slots().retain(|slot| !Arc::ptr_eq(&slot.stream, &self.stream));
+        lock(&self.clients.0).retain(|slot| !Arc::ptr_eq(&slot.stream, &self.stream));
     }
 }
 

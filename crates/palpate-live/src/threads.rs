@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{self, Scope, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 
@@ -113,7 +113,7 @@ impl Shared {
 
     /// Messages received, lost and unsent, over all network processes.
     pub(crate) fn counts(&self) -> Counts {
-        let [before, now] = *self.counts.lock().unwrap_or_else(PoisonError::into_inner);
+        let [before, now] = *lock(&self.counts);
         Counts {
             received: before.received + now.received,
             lost: before.lost + now.lost,
@@ -124,7 +124,7 @@ impl Shared {
     /// Takes the counts of the present network process; with `ends`, adds them to those of the ended ones.
     fn count(&self, counts: Option<Counts>, ends: bool) {
         let all = ends.then(|| self.counts());
-        let mut both = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut both = lock(&self.counts);
         match all {
             Some(all) => *both = [all, Counts::default()],
             None => both[1] = counts.unwrap_or(both[1]),
@@ -362,4 +362,9 @@ pub(crate) fn spawn<'scope, T: Send + 'scope>(
 ) -> ScopedJoinHandle<'scope, T> {
     let thread = thread::Builder::new().name(name.to_owned());
     thread.spawn_scoped(scope, work).expect("a thread to spare")
+}
+
+/// Locks a mutex. No thread panics while it holds the lock; after a panic the data would still be valid.
+pub(crate) fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+    of.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,8 +1,8 @@
 //! Wrenches that the object exerts on the touching links, predicted by the field.
 
 use nalgebra::{Isometry3, Vector3};
-use palpate::unstable::{LinkContacts, LinkId};
-use palpate::{CellId, Mapper};
+use palpate::Mapper;
+use palpate::unstable::LinkContacts;
 
 use crate::message::{Header, Stamp, Wrench, WrenchStamped};
 
@@ -14,26 +14,18 @@ pub(crate) fn wrenches(
     stamp: Stamp,
 ) -> Vec<WrenchStamped> {
     let (lattice, robot) = (&mapper.config().lattice, &mapper.arm().robot);
-    let on_link =
-        |link: LinkId, springs: &mut dyn Iterator<Item = (Vector3<f64>, Vector3<f64>)>| {
-            let pose = &world_from_link[link.index()];
-            let (mut force, mut torque) = (Vector3::zeros(), Vector3::zeros());
-            for (point, pull) in springs {
-                force -= pull;
-                torque -= (point - pose.translation.vector).cross(&pull);
-            }
-            let [force, torque] = [force, torque]
-                .map(|vector| pose.rotation.inverse_transform_vector(&vector).into());
-            let frame_id = robot.links()[link.index()].name.clone();
-            WrenchStamped { header: Header { stamp, frame_id }, wrench: Wrench { force, torque } }
-        };
     let of_link = |contacts: LinkContacts| {
-        let springs = contacts.cells.iter().zip(&contacts.displacements_m);
-        let spring = |(cell, u): (&CellId, &[f32; 3])| {
-            let u = Vector3::from(*u).cast::<f64>();
-            (lattice.point(*cell).coords, mapper.cell(*cell).stiffness_n_per_m * u)
-        };
-        on_link(contacts.link, &mut springs.map(spring))
+        let pose = &world_from_link[contacts.link.index()];
+        let (mut force, mut torque) = (Vector3::zeros(), Vector3::zeros());
+        for (cell, u) in contacts.cells.iter().zip(&contacts.displacements_m) {
+            let pull = mapper.cell(*cell).stiffness_n_per_m * Vector3::from(*u).cast::<f64>();
+            force -= pull;
+            torque -= (lattice.point(*cell).coords - pose.translation.vector).cross(&pull);
+        }
+        let [force, torque] =
+            [force, torque].map(|vector| pose.rotation.inverse_transform_vector(&vector).into());
+        let frame_id = robot.links()[contacts.link.index()].name.clone();
+        WrenchStamped { header: Header { stamp, frame_id }, wrench: Wrench { force, torque } }
     };
     mapper.contacts().links.into_iter().map(of_link).collect()
 }

@@ -10,11 +10,13 @@
 //! until the guard is reset: a robot that stopped while pressing on something must not start again
 //! because the torque has dropped.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use nalgebra::DVector;
 use palpate::Arm;
+
+use crate::threads::lock;
 
 pub use cause::{Cause, TorqueSource};
 pub use joint_state_monitor::JointStateMonitor;
@@ -103,7 +105,7 @@ impl Guard {
 
     /// Why the flag is up at a moment; `None` if it is down.
     pub fn cause(&self, now: Instant) -> Option<Cause> {
-        let mut state = self.state();
+        let mut state = lock(&self.state);
         if state.raised.is_none() {
             let cause = self.unsafe_now(&state, now);
             match cause {
@@ -153,25 +155,25 @@ impl Guard {
     /// the last one, that silence must count.
     fn usable(&self, now: Instant) {
         self.cause(now);
-        let mut state = self.state();
+        let mut state = lock(&self.state);
         (state.usable, state.refused) = (Some(now), None);
         state.waiting.get_or_insert(now);
     }
 
     /// Records a joint state that cannot be used.
     fn refused(&self, why: &impl ToString) {
-        self.state().refused = Some(why.to_string());
+        lock(&self.state).refused = Some(why.to_string());
     }
 
     /// Records measured torques before subtracting the tare, n_joints, N·m; NaN if unknown.
     fn measured(&self, untared: DVector<f64>) {
-        self.state().untared = Some(untared);
+        lock(&self.state).untared = Some(untared);
     }
 
     /// Records that the mapper has taken all joint states that arrived until `came`; `some_wait`: whether
     /// later ones wait.
     pub fn taken(&self, came: Instant, some_wait: bool) {
-        self.state().waiting = some_wait.then_some(came);
+        lock(&self.state).waiting = some_wait.then_some(came);
     }
 
     /// Checks the torques of the mapper's last step against the limit: measured and predicted, and the predicted one
@@ -190,7 +192,7 @@ impl Guard {
                 .or_else(|| self.over(predicted, TorqueSource::Predicted))
                 .or_else(band)
         });
-        self.state().mapped_over = over;
+        lock(&self.state).mapped_over = over;
     }
 
     /// Takes the bias of the torques of an arm at rest, n_joints, N·m, as the tare until the next one.
@@ -200,7 +202,7 @@ impl Guard {
     /// If the bias is too large, or differs too much from the tare of the free arm and was not requested; the previous
     /// tare is kept.
     pub fn tare(&self, bias: &DVector<f64>) -> Result<(), Cause> {
-        let mut state = self.state();
+        let mut state = lock(&self.state);
         let limit_n_m = self.config.bias_limit_n_m;
         if let Some((joint, &bias_n_m)) = largest(bias)
             && bias_n_m.abs() > limit_n_m
@@ -233,17 +235,17 @@ impl Guard {
 
     /// Records that a tare is refused since sign or gravity of the torques seem wrong.
     pub(crate) fn misread(&self, why: &str) {
-        self.state().loaded = Some(Cause::Misread(why.to_owned()));
+        lock(&self.state).loaded = Some(Cause::Misread(why.to_owned()));
     }
 
     /// Records whether the joint positions jump back and forth.
     pub(crate) fn jumping(&self, jumping: bool) {
-        self.state().jumping = jumping;
+        lock(&self.state).jumping = jumping;
     }
 
     /// Lets the next accepted tare take the flag down: a user has requested it, so the arm is free of contact.
     pub(crate) fn reset_with_tare(&self) {
-        self.state().resets = true;
+        lock(&self.state).resets = true;
     }
 
     /// Takes the flag down.
@@ -252,7 +254,7 @@ impl Guard {
     ///
     /// Returns the unsafe condition if there is one; the flag then stays up.
     pub fn reset(&self, now: Instant) -> Result<(), Cause> {
-        let mut state = self.state();
+        let mut state = lock(&self.state);
         match self.unsafe_now(&state, now) {
             Some(cause) => Err(cause),
             None => {
@@ -264,7 +266,7 @@ impl Guard {
 
     /// Raises the flag if it has been down before, since its state was not sent for too long.
     pub(crate) fn stalled(&self) {
-        let mut state = self.state();
+        let mut state = lock(&self.state);
         if state.was_down {
             state.raised.get_or_insert(Cause::Stalled);
         }
@@ -272,12 +274,7 @@ impl Guard {
 
     /// Raises the flag permanently.
     pub fn end(&self) {
-        self.state().ended = true;
-    }
-
-    /// No thread panics while it holds the lock; after a panic the state would still be valid.
-    fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state).ended = true;
     }
 }
 

@@ -12,7 +12,7 @@ use std::os::unix::net::UnixStream;
 use std::process;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -24,6 +24,7 @@ use super::publisher::Publishers;
 use super::servers::Servers;
 use super::subscriber::Subscriber;
 use super::wire::{Counts, Frames, FromNetwork, Response, ToNetwork, send};
+use crate::threads::lock;
 use crate::timer::Timer;
 
 /// Memory limit of the process, bytes. It begins with 14 MiB; with fifteen nodes of sixty topics and a
@@ -104,7 +105,7 @@ struct ToPalpate {
 
 impl ToPalpate {
     fn send(&self, message: &FromNetwork) -> io::Result<()> {
-        send(&self.stream.lock().unwrap_or_else(PoisonError::into_inner), message)
+        send(&lock(&self.stream), message)
     }
 }
 
@@ -167,9 +168,11 @@ impl Outgoing {
                 self.count(publishers.external(&torques));
                 self.count(publishers.detection(&torques));
             }
-            ToNetwork::Contacts(cloud) => self.count(publishers.contacts(cloud)),
-            ToNetwork::Field(cloud) => self.count(publishers.field(cloud)),
-            ToNetwork::Diagnostics(array) => self.count(publishers.diagnostics(array)),
+            ToNetwork::Contacts(cloud) => self.count(publishers.contacts.publish(cloud).is_ok()),
+            ToNetwork::Field(cloud) => self.count(publishers.field.publish(cloud).is_ok()),
+            ToNetwork::Diagnostics(array) => {
+                self.count(publishers.diagnostics.publish(array).is_ok())
+            }
             ToNetwork::Subscribe(topic) => drop(self.to_subscriber.send(Order::Subscribe(topic))),
             ToNetwork::Wrenches(wrenches) => self.count(publishers.wrenches(wrenches)),
             ToNetwork::Answer(id, response) => {

@@ -31,10 +31,10 @@ pub(super) struct Publishers {
     touched: Publisher<Bool>,
     /// Publishers of the guard's flag, if there is a guard.
     flag: Option<FlagPublishers>,
-    contacts: Publisher<PointCloud2>,
-    field: Publisher<PointCloud2>,
+    pub(super) contacts: Publisher<PointCloud2>,
+    pub(super) field: Publisher<PointCloud2>,
     wrench: Publisher<WrenchStamped>,
-    diagnostics: Publisher<DiagnosticArray>,
+    pub(super) diagnostics: Publisher<DiagnosticArray>,
     clock: RosClock,
 }
 
@@ -166,25 +166,10 @@ impl Publishers {
         JointState::of_torques(torques.header.clone(), &self.joints, effort)
     }
 
-    /// Publishes the contacts; returns false if the message was dropped.
-    pub(super) fn contacts(&self, cloud: PointCloud2) -> bool {
-        self.contacts.publish(cloud).is_ok()
-    }
-
-    /// Publishes the field; returns false if the message was dropped.
-    pub(super) fn field(&self, cloud: PointCloud2) -> bool {
-        self.field.publish(cloud).is_ok()
-    }
-
     /// Publishes the wrench on each link; returns false if a message was dropped.
     pub(super) fn wrenches(&self, wrenches: Vec<WrenchStamped>) -> bool {
         let unsent =
             wrenches.into_iter().filter(|wrench| self.wrench.publish(wrench.clone()).is_err());
         unsent.count() == 0
-    }
-
-    /// Publishes diagnostics; returns false if the message was dropped.
-    pub(super) fn diagnostics(&self, array: DiagnosticArray) -> bool {
-        self.diagnostics.publish(array).is_ok()
     }
 }

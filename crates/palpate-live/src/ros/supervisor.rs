@@ -6,7 +6,7 @@ use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt;
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -15,6 +15,7 @@ use super::parameters::Parameter;
 use super::publisher::FlagTopics;
 use super::topic::TopicSeen;
 use super::wire::{Frames, FromNetwork, ToNetwork, send};
+use crate::threads::lock;
 
 /// Largest time for the process to join the network.
 const JOIN: Duration = Duration::from_secs(10);
@@ -114,7 +115,7 @@ impl NetworkProcess {
             listener.end();
             return Err(error);
         }
-        *self.link() = Some(ours);
+        *lock(&self.link) = Some(ours);
         Ok(listener)
     }
 
@@ -132,16 +133,12 @@ impl NetworkProcess {
 
     /// Sends the process a message; returns whether it could be sent.
     pub(crate) fn send(&self, message: &ToNetwork) -> bool {
-        let mut link = self.link();
+        let mut link = lock(&self.link);
         let sent = link.as_ref().is_some_and(|stream| send(stream, message).is_ok());
         if !sent && let Some(stream) = link.take() {
             let _ = stream.shutdown(Shutdown::Both); // the listener then sees the end
         }
         sent
-    }
-
-    fn link(&self) -> MutexGuard<'_, Option<UnixStream>> {
-        self.link.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -169,7 +166,7 @@ impl Listener<'_> {
 
     /// Ends the process; returns its exit status.
     pub(crate) fn end(&mut self) -> Option<ExitStatus> {
-        if let Some(stream) = self.process.link().take() {
+        if let Some(stream) = lock(&self.process.link).take() {
             let _ = stream.shutdown(Shutdown::Both);
         }
         let until = Instant::now() + END;
