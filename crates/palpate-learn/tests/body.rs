@@ -1,6 +1,8 @@
 //! The body of a simulated plant is reconstructed from a cloud of its seen side.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
+use std::collections::BTreeSet;
+
 use nalgebra::{Point3, Vector3};
 use palpate::unstable::{ElasticBody, Segment, SegmentKind};
 use palpate_learn::body::{
@@ -100,11 +102,19 @@ fn wood(body: &ElasticBody) -> Vec<&Segment> {
     body.segments().iter().filter(|segment| segment.kind == SegmentKind::Wood).collect()
 }
 
+fn branches(body: &ElasticBody) -> BTreeSet<u32> {
+    wood(body).iter().map(|segment| segment.branch).collect()
+}
+
+/// The segments without a parent.
+fn rooted(body: &ElasticBody) -> Vec<&Segment> {
+    body.segments().iter().filter(|segment| segment.parent.is_none()).collect()
+}
+
 #[test]
 fn a_plant_seen_from_one_side_has_its_axes_where_they_are() {
     let body = plant().body(Some(EYE));
-    let branches: std::collections::BTreeSet<u32> = wood(&body).iter().map(|s| s.branch).collect();
-    assert_eq!(branches.len(), 2, "a stem and a branch");
+    assert_eq!(branches(&body).len(), 2, "a stem and a branch");
     for segment in wood(&body) {
         for end in [segment.start_m, segment.end_m].map(Point3::from) {
             let stem = distance_from_rod(&end, [0.5, 0.0, 0.08], [0.5, 0.0, 0.6]);
@@ -205,9 +215,7 @@ fn two_cameras_see_a_stem_from_both_sides_and_it_is_as_thick_as_it_is() {
                 segment.radius_m
             );
         }
-        let branches: std::collections::BTreeSet<u32> =
-            wood(body).iter().map(|segment| segment.branch).collect();
-        assert_eq!(branches.len(), 2, "a stem and a branch, as from one side");
+        assert_eq!(branches(body).len(), 2, "a stem and a branch, as from one side");
     }
 }
 
@@ -224,10 +232,7 @@ fn a_camera_that_looked_elsewhere_changes_nothing() {
     foot.rod([0.5, 0.0, 0.1], [0.5, 0.0, 0.14], [0.012, 0.01168], [2.0, 3.0]);
     let with_foot = [seen.picture(Some(EYE)), foot.picture(Some(foot.eye))];
     let with_foot = candidate_bodies(&with_foot, &ObjectHints::default());
-    let branches = |bodies: &[ElasticBody]| -> std::collections::BTreeSet<u32> {
-        wood(&bodies[0]).iter().map(|segment| segment.branch).collect()
-    };
-    assert_eq!(branches(&alone), branches(&with_foot));
+    assert_eq!(branches(&alone[0]), branches(&with_foot[0]));
 }
 
 #[test]
@@ -236,8 +241,7 @@ fn a_plant_hangs_from_its_root_wherever_that_is() {
     for (root, segment_from) in [([0.5, 0.0, 0.65], 0.65), ([0.5, 0.0, 0.6], 0.6)] {
         let hints = ObjectHints { roots_m: vec![root.into()], ..ObjectHints::default() };
         let body = &candidate_bodies(&[seen.picture(Some(EYE))], &hints)[0];
-        let rooted = body.segments().iter().filter(|segment| segment.parent.is_none());
-        let rooted: Vec<&Segment> = rooted.collect();
+        let rooted = rooted(body);
         assert_eq!(rooted.len(), 1);
         assert!((rooted[0].start_m[2] - segment_from).abs() < 0.01, "{:?}", rooted[0].start_m);
         assert!(rooted[0].end_m[2] < rooted[0].start_m[2], "it hangs down");
@@ -246,8 +250,7 @@ fn a_plant_hangs_from_its_root_wherever_that_is() {
     let roots_m = vec![[0.5, 0.0, 0.1].into(), [0.5, 0.0, 0.6].into()];
     let hints = ObjectHints { roots_m, ..ObjectHints::default() };
     let body = &candidate_bodies(&[seen.picture(Some(EYE))], &hints)[0];
-    let rooted = body.segments().iter().filter(|segment| segment.parent.is_none());
-    let mut heights: Vec<f64> = rooted.map(|segment| segment.start_m[2]).collect();
+    let mut heights: Vec<f64> = rooted(body).iter().map(|segment| segment.start_m[2]).collect();
     heights.sort_by(f64::total_cmp);
     assert_eq!(heights.len(), 2, "{heights:?}");
     assert!((heights[0] - 0.1).abs() < 0.01 && (heights[1] - 0.6).abs() < 0.01, "{heights:?}");
@@ -322,8 +325,7 @@ fn a_row_of_stems_stands_on_the_ground_each_by_itself() {
         seen.rod([0.5, y, 0.0], [0.5, y, 0.5], [0.01, 0.009], [0.5, 0.55]);
     }
     let body = seen.body(Some(EYE));
-    let rooted = body.segments().iter().filter(|segment| segment.parent.is_none());
-    assert_eq!(rooted.count(), 3);
+    assert_eq!(rooted(&body).len(), 3);
 }
 
 #[test]

@@ -3,20 +3,17 @@
 
 mod common;
 
-use palpate::unstable::{CellState, StiffnessRule};
-use palpate::{BandQuantiles, Calibration, EstimatorKind, Field, MapperConfig};
+use std::collections::HashMap;
+
+use common::NEVER;
+use palpate::{BandQuantiles, Calibration, Field};
 use palpate_learn::LearnError;
 use palpate_learn::change::moved::{ObjectMotion, moved};
 use palpate_learn::change::{Change, compare};
 use palpate_learn::tracked::TrackedTouches;
 
-const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
-
 fn tracked() -> TrackedTouches {
-    let config = MapperConfig::of(EstimatorKind::Map);
-    TrackedTouches::new(&common::arm(), &config, &common::touches(&[2, 8]), NEVER)
-        .unwrap()
-        .thinned(4)
+    common::tracked(&[2, 8], 4)
 }
 
 /// Stiffness of a place, N/m: three lumps around the middle of the touched cells.
@@ -37,14 +34,9 @@ fn middle(tracked: &TrackedTouches) -> [f64; 3] {
 
 /// A field of all touched cells with three lumps, and small misfits of its held-out touches.
 fn field(tracked: &TrackedTouches) -> Field {
-    let n = tracked.cells.len();
-    let config = MapperConfig::of(EstimatorKind::Map);
-    let mut field = Field::new(tracked.lattice.clone(), config.contact, config.touch, 0.0);
-    field.cells.clone_from(&tracked.cells);
     let middle = middle(tracked);
-    field.stiffness_n_per_m =
-        tracked.points_m.iter().map(|point| lumps(*point, middle, 0.08)).collect();
-    (field.std_n_per_m, field.counts) = (vec![0.1; n], vec![30; n]);
+    let mut field = common::field(tracked, |row| lumps(tracked.points_m[row], middle, 0.08));
+    field.std_n_per_m.fill(0.1);
     field.calibration = Some(Calibration {
         floor_n_m: vec![0.05; tracked.n_joints],
         by_torque: 0.2,
@@ -62,17 +54,11 @@ fn field(tracked: &TrackedTouches) -> Field {
 }
 
 /// Gives every frame the torque of a field, times a factor.
-fn with_torques_of(mut tracked: TrackedTouches, field: &Field, factor: f64) -> TrackedTouches {
-    let known: std::collections::HashMap<_, _> =
-        field.cells.iter().zip(&field.stiffness_n_per_m).collect();
-    let cells: Vec<CellState> = (tracked.cells.iter().zip(&tracked.points_m))
-        .map(|(cell, point)| CellState::new(*point, **known.get(cell).unwrap_or(&&0.0)))
-        .collect();
-    for frame in tracked.touches.iter_mut().flat_map(|touch| &mut touch.frames) {
-        let tau = factor * frame.observation.predict(&cells, StiffnessRule::Positive);
-        frame.observation = frame.observation.clone().with_tau(&tau);
-    }
-    tracked
+fn with_torques_of(tracked: TrackedTouches, field: &Field, factor: f64) -> TrackedTouches {
+    let known: HashMap<_, _> = field.cells.iter().zip(&field.stiffness_n_per_m).collect();
+    let cells = tracked.cells.clone();
+    let k = |row: usize| known.get(&cells[row]).map_or(0.0, |k| factor * **k);
+    common::with_torques_of(tracked, k)
 }
 
 #[test]
@@ -171,9 +157,7 @@ fn a_repeated_touch_is_compared_with_the_earlier_torques_however_bad_the_field_i
     let noisy = compare((&arm, &none), &field, Some(&faint), NEVER).unwrap().1;
     assert_eq!(noisy.change, Change::Unchanged, "{noisy:?}");
     // A touch on another path repeats nothing.
-    let config = MapperConfig::of(EstimatorKind::Map);
-    let others =
-        TrackedTouches::new(&arm, &config, &common::touches(&[5]), NEVER).unwrap().thinned(4);
+    let others = common::tracked(&[5], 4);
     assert_eq!(found(1.0, Some(&others)), alone);
 }
 

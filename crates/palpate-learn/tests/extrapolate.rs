@@ -3,51 +3,19 @@
 
 mod common;
 
+use common::{NEVER, field, tracked, with_torques_of};
 use nalgebra::Point3;
-use palpate::{EstimatorKind as Estimator, Field, MapperConfig};
+use palpate::{EstimatorKind as Estimator, MapperConfig};
 use palpate_io::cloud;
 use palpate_learn::extrapolate::compare::{CompareError, ComparisonPlan};
 use palpate_learn::extrapolate::{
     ExtrapolateError, ExtrapolationConfig, ExtrapolationMethod, SeenCloud, area_under_roc,
     extrapolate, spearman,
 };
-use palpate_learn::tracked::TrackedTouches;
-
-const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
-
-/// Some of the bundled touches, every Nth frame kept.
-fn tracked(touches: &[usize], every: usize) -> TrackedTouches {
-    let config = MapperConfig::of(Estimator::Map);
-    let touches = common::touches(touches);
-    TrackedTouches::new(&common::arm(), &config, &touches, NEVER).unwrap().thinned(every)
-}
 
 fn object() -> SeenCloud {
     let reading = cloud::read(&std::path::Path::new(common::DATA).join("object.ply")).unwrap();
     SeenCloud::new(reading.cloud.points(), reading.cloud.colours().unwrap()).unwrap()
-}
-
-/// A field of all touched cells in which K is a function of the place.
-fn field(tracked: &TrackedTouches, k: impl Fn(usize) -> f64) -> Field {
-    let n = tracked.cells.len();
-    let config = MapperConfig::of(Estimator::Map);
-    let mut field = Field::new(tracked.lattice.clone(), config.contact, config.touch, 0.0);
-    field.cells = tracked.cells.clone();
-    field.stiffness_n_per_m = (0..n).map(k).collect();
-    (field.std_n_per_m, field.counts) = (vec![1.0; n], vec![30; n]);
-    field
-}
-
-/// Gives every frame the torque of a stiffness by row.
-fn with_torques_of(mut tracked: TrackedTouches, k: &dyn Fn(usize) -> f64) -> TrackedTouches {
-    use palpate::unstable::{CellState, StiffnessRule};
-    let cell = |(row, &point): (usize, &[f64; 3])| CellState::new(point, k(row));
-    let cells: Vec<CellState> = tracked.points_m.iter().enumerate().map(cell).collect();
-    for frame in tracked.touches.iter_mut().flat_map(|touch| &mut touch.frames) {
-        let tau = frame.observation.predict(&cells, StiffnessRule::Positive);
-        frame.observation = frame.observation.clone().with_tau(&tau);
-    }
-    tracked
 }
 
 fn is_brown([red, green, _]: [u8; 3]) -> bool {
@@ -67,7 +35,7 @@ fn two_colours_of_two_stiffnesses_are_distinguished_by_torque_alone() {
             None => 0.0,
         };
         // The stiffness of the field's cells does not matter.
-        let tracked = with_torques_of(tracked.clone(), &k);
+        let tracked = with_torques_of(tracked.clone(), k);
         extrapolate(&seen, &field(&tracked, |_| 0.0), Some(&tracked), &config).unwrap()
     };
     let [once, thrice] = [made(1.0), made(3.0)];

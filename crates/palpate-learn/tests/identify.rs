@@ -98,11 +98,18 @@ fn logs(joints_that_move: usize, presliding: f64) -> Vec<Vec<Sample>> {
 }
 
 fn identified(logs: &[Vec<Sample>]) -> Result<IdentifiedArm, IdentifyError> {
+    identified_with(logs, &ExternalTorqueConfig::default(), false)
+}
+
+fn identified_with(
+    logs: &[Vec<Sample>],
+    torques: &ExternalTorqueConfig,
+    currents: bool,
+) -> Result<IdentifiedArm, IdentifyError> {
     let robot = Robot::built_in("kinova_gen3").unwrap();
     let payload_link = robot.bodies().last().unwrap();
     let touches: Vec<&[Sample]> = logs.iter().map(|touch| &touch[..]).collect();
-    let config = IdentifyConfig { payload_link, currents: false };
-    identify(&robot, &touches, &ExternalTorqueConfig::default(), &config, UNSTOPPED)
+    identify(&robot, &touches, torques, &IdentifyConfig { payload_link, currents }, UNSTOPPED)
 }
 
 #[test]
@@ -191,11 +198,7 @@ fn gains_of_currents_are_found_where_gravity_hardly_moves_a_joint() {
             before.clone_from(&sample.q);
         }
     }
-    let robot = Robot::built_in("kinova_gen3").unwrap();
-    let config = IdentifyConfig { payload_link: robot.bodies().last().unwrap(), currents: true };
-    let touches: Vec<&[Sample]> = logs.iter().map(|touch| &touch[..]).collect();
-    let torques = ExternalTorqueConfig::default();
-    let found = identify(&robot, &touches, &torques, &config, UNSTOPPED).unwrap();
+    let found = identified_with(&logs, &ExternalTorqueConfig::default(), true).unwrap();
     for (j, (joint, gain)) in found.joints.iter().zip(gains).enumerate() {
         let off = (joint.gain.value - gain).abs();
         // The gain of the last joint is uncertain: its gravity torque is almost zero.
@@ -311,13 +314,9 @@ fn joints_that_stand_still_are_named() {
 
 #[test]
 fn a_joint_whose_torque_is_not_measured_is_named_and_the_others_are_found() {
-    let robot = Robot::built_in("kinova_gen3").unwrap();
-    let config = IdentifyConfig { payload_link: robot.bodies().last().unwrap(), currents: true };
     let mut logs = logs(7, PRESLIDING);
     logs.iter_mut().flatten().for_each(|sample| sample.tau[4] = 0.0);
-    let touches: Vec<&[Sample]> = logs.iter().map(|touch| &touch[..]).collect();
-    let torques = ExternalTorqueConfig::default();
-    let found = identify(&robot, &touches, &torques, &config, UNSTOPPED).unwrap();
+    let found = identified_with(&logs, &ExternalTorqueConfig::default(), true).unwrap();
     assert!(found.notes.iter().any(|note| note.contains("Actuator5 never")), "{:?}", found.notes);
     for j in [0, 1, 2, 3, 5] {
         let (own, truth) = (found.joints[j].coulomb_n_m, friction(j, 0.0).coulomb);
@@ -350,12 +349,11 @@ fn logs_that_cannot_serve_are_refused() {
     assert!(matches!(identified(&silent), Err(IdentifyError::NoTorque(_))));
     assert!(matches!(identified(&silent[..0]), Err(IdentifyError::TooShort { .. })));
 
-    let robot = Robot::built_in("kinova_gen3").unwrap();
     let mut torques = ExternalTorqueConfig::default();
     torques.gravity = Gravity::Removed;
-    let config = IdentifyConfig { payload_link: robot.bodies().last().unwrap(), currents: false };
-    let error = identify(&robot, &[&moving[0]], &torques, &config, UNSTOPPED).unwrap_err();
+    let error = identified_with(&moving[..1], &torques, false).unwrap_err();
     assert!(error.to_string().contains("tau_J"), "{error}");
+    let robot = Robot::built_in("kinova_gen3").unwrap();
     let fixed = IdentifyConfig {
         payload_link: robot.link_id("base_link").unwrap_or_default(),
         currents: false,

@@ -3,6 +3,7 @@
 
 mod common;
 
+use common::NEVER;
 use nalgebra::DMatrix;
 use palpate::unstable::CellState;
 use palpate::{EstimatorKind, Field, Gravity, MapperConfig, Sample, Tare};
@@ -10,7 +11,6 @@ use palpate_learn::LearnError;
 use palpate_learn::next_touch::{Criterion, NextTouch, Task};
 use palpate_learn::tracked::TrackedTouches;
 
-const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
 const STD_N_PER_M: f64 = 1.5;
 
 /// Some frames of bundled touches as planned motions; a number that occurs twice gives the same motion twice.
