@@ -1,9 +1,10 @@
 //! Leaves: flat patches of one colour, attached to the nearest wood.
 
-use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
+use nalgebra::{Point3, Vector3};
 use palpate::unstable::{Segment, SegmentKind};
 
 use super::graph::Graph;
+use super::skeleton::principal_axes;
 use super::view::Views;
 
 /// Bending stiffness of a leaf's stalk, N·m/rad, for wood of modulus [`super::WOOD_MODULUS_PA`].
@@ -38,24 +39,14 @@ fn patches(points: &[Point3<f64>], colours: &[[u8; 3]]) -> Vec<Patch> {
 }
 
 fn patch(points: &[Point3<f64>], members: &[u32]) -> Patch {
-    let n = members.len() as f64;
-    let sum: Vector3<f64> = members.iter().map(|&at| points[at as usize].coords).sum();
-    let middle = Point3::from(sum / n);
-    let spread = members.iter().fold(Matrix3::zeros(), |sum, &at| {
-        let apart = points[at as usize] - middle;
-        sum + apart * apart.transpose()
-    }) / n;
-    let eigen = SymmetricEigen::new(spread);
-    let mut order = [0, 1, 2];
-    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
-    let std = |at: usize| eigen.eigenvalues[order[at]].max(0.0).sqrt();
-    let axis = |at: usize| eigen.eigenvectors.column(order[at]).into_owned();
+    let (middle, [along, _, normal], std_m) =
+        principal_axes(members.iter().map(|&at| points[at as usize]));
     Patch {
         middle,
-        along: axis(0),
-        normal: axis(2),
-        half_length_m: (2.0 * std(0)).clamp(0.012, 0.045),
-        half_width_m: (2.0 * std(1)).clamp(0.006, 0.024),
+        along,
+        normal,
+        half_length_m: (2.0 * std_m[0]).clamp(0.012, 0.045),
+        half_width_m: (2.0 * std_m[1]).clamp(0.006, 0.024),
     }
 }
 

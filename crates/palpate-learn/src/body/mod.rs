@@ -36,6 +36,7 @@ use palpate::unstable::{ElasticBody, Segment, SegmentKind};
 use serde::Deserialize;
 
 use self::explained::unexplained;
+pub(crate) use self::skeleton::principal_axes;
 use self::skeleton::{Branch, Joining, SkeletonNode};
 use self::tubes::{Tube, at_arc};
 pub use self::view::guess_viewpoint;

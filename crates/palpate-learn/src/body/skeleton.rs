@@ -180,18 +180,22 @@ fn size_m(points: &[Point3<f64>], members: &[u32]) -> f64 {
     (high - low).norm()
 }
 
-/// The principal direction of points, and their standard deviations along it and (the larger one) across, m.
-pub(super) fn direction(points: &[Point3<f64>], members: &[u32]) -> (Vector3<f64>, [f64; 2]) {
-    let centre = middle(points, members);
-    let spread = members.iter().fold(Matrix3::zeros(), |sum, &at| {
-        let apart = points[at as usize] - centre;
+/// Middle and principal axes of points, the longest first, and their standard deviations along them, m.
+pub(crate) fn principal_axes(
+    points: impl Iterator<Item = Point3<f64>> + Clone,
+) -> (Point3<f64>, [Vector3<f64>; 3], [f64; 3]) {
+    let n = points.clone().count() as f64;
+    let sum = points.clone().fold(Vector3::zeros(), |sum, point| sum + point.coords);
+    let middle = Point3::from(sum / n);
+    let spread = points.fold(Matrix3::zeros(), |sum, point| {
+        let apart = point - middle;
         sum + apart * apart.transpose()
-    }) / members.len() as f64;
+    }) / n;
     let eigen = SymmetricEigen::new(spread);
-    let largest = eigen.eigenvalues.imax();
-    let mut spreads_m = eigen.eigenvalues.map(|square| square.max(0.0).sqrt());
-    let along_m = std::mem::take(&mut spreads_m[largest]);
-    (eigen.eigenvectors.column(largest).into_owned(), [along_m, spreads_m.max()])
+    let mut order = [0, 1, 2];
+    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+    let axes = order.map(|axis| eigen.eigenvectors.column(axis).into_owned());
+    (middle, axes, order.map(|axis| eigen.eigenvalues[axis].max(0.0).sqrt()))
 }
 
 /// A bridge from a node of the tree to a point of a piece.
@@ -209,13 +213,16 @@ fn join(builder: &mut Builder<'_>, pieces: &[Vec<u32>], views: &Views, joining: 
     let widest_m: Vec<f64> = (pieces.iter())
         .map(|piece| f64::max(WIDEST_GAP_M, WIDEST_GAP_SHARE * size_m(points, piece)))
         .collect();
-    let directions: Vec<_> = pieces.iter().map(|piece| direction(points, piece)).collect();
+    let axes: Vec<_> = pieces
+        .iter()
+        .map(|piece| principal_axes(piece.iter().map(|&at| points[at as usize])))
+        .collect();
     let mut best: Vec<Option<Bridge>> = vec![None; pieces.len()];
     let mut left: Vec<usize> = (0..pieces.len()).collect();
     let mut looked = 0;
     loop {
         for &at in &left {
-            let (along, [spread_m, _]) = directions[at];
+            let (_, [along, ..], [spread_m, ..]) = axes[at];
             for (node, candidate) in builder.nodes.iter().enumerate().skip(looked) {
                 let nearest = pieces[at].iter().map(|&point| {
                     (point, (points[point as usize] - candidate.place).norm_squared())

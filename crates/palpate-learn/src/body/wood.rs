@@ -4,7 +4,7 @@ use nalgebra::Point3;
 
 use super::graph::Graph;
 use super::otsu::otsu;
-use super::skeleton::direction;
+use super::skeleton::principal_axes;
 
 /// Largest gap between points of one piece, m.
 const JOINED_M: f64 = 0.006;
@@ -21,7 +21,8 @@ pub(super) fn is_wood(points: &[Point3<f64>], colours: &[[u8; 3]]) -> Vec<bool> 
         (0..points.len() as u32).filter(|&point| !is_wood[point as usize]).collect();
     let graph = Graph::new(points, JOINED_M, |a, b| is_wood[a] == is_wood[b]);
     for piece in graph.pieces(&leaves) {
-        let (_, [along_m, across_m]) = direction(points, &piece);
+        let places = piece.iter().map(|&at| points[at as usize]);
+        let (_, _, [along_m, across_m, _]) = principal_axes(places);
         if along_m > LONG_M && across_m < THIN * along_m {
             piece.iter().for_each(|&point| is_wood[point as usize] = true);
         }

@@ -4,11 +4,12 @@
 //! leaves brightness out: it is the shares of red and green in the light, which do not change when
 //! the light is halved.
 
-use nalgebra::{DMatrix, Matrix3, Point3, Vector3, matrix};
+use nalgebra::{DMatrix, Vector3, matrix};
 use rayon::prelude::*;
 use serde::Serialize;
 
 use super::cloud::SeenCloud;
+use crate::body::principal_axes;
 
 /// Number of neighbours from which the shape at a point is computed.
 const ABOUT: usize = 30;
@@ -148,25 +149,18 @@ fn oklab(colour: [u8; 3]) -> [f64; 3] {
 /// their standard deviations along the principal axes, and the vertical part of the third axis.
 fn shape(seen: &SeenCloud, place_m: &[f64; 3]) -> [f64; 3] {
     let about = seen.neighbours(place_m, ABOUT);
-    let points: Vec<Point3<f64>> = about.iter().map(|&at| seen.points_m()[at].into()).collect();
-    let n = points.len() as f64;
-    let middle = points.iter().map(|point| point.coords).sum::<Vector3<f64>>() / n;
-    let spread =
-        |point: &Point3<f64>| (point.coords - middle) * (point.coords - middle).transpose();
-    let covariance = points.iter().map(spread).sum::<Matrix3<f64>>() / n;
-    let axes = covariance.symmetric_eigen();
-    let mut order = [0, 1, 2];
-    order.sort_by(|&a, &b| axes.eigenvalues[b].total_cmp(&axes.eigenvalues[a]));
-    let [longest, middle, shortest] = order.map(|axis| axes.eigenvalues[axis].max(0.0).sqrt());
+    let points = about.iter().map(|&at| seen.points_m()[at].into());
+    let (_, [.., normal], [longest, middle, shortest]) = principal_axes(points);
     if longest <= 0.0 {
         return [0.0; 3];
     }
-    let normal = axes.eigenvectors.column(order[2]);
     [(longest - middle) / longest, (middle - shortest) / longest, normal[2].abs()]
 }
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Point3;
+
     use super::*;
 
     #[test]
