@@ -249,7 +249,7 @@ fn begin(
                 *elastic = Some(Elastic { bodies, touches: saved.elastic_touches.split_off(0) });
             }
             let name = path.display();
-            let snapshot = resume::snapshot_of(saved, &name.to_string(), settings)?;
+            let snapshot = resume::snapshot_of(saved, &name.to_string(), arm, settings)?;
             if args.logs.is_empty() && elastic.as_ref().is_none_or(|body| body.touches.is_empty()) {
                 return Err(CliError::Usage(format!(
                     "there is nothing to learn: `{name}` holds no touches for an elastic body; give LOGs"

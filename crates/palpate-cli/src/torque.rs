@@ -36,6 +36,8 @@ A contact is reported where the torque of any joint, divided by its standard dev
 threshold. Contact-free motion exceeds this threshold --false-alarms times per hour; it is \
 determined from the logs of --free, or from the motion that was held out in identification.";
 
+/// Default rate of accepted false alarms, per hour.
+const USUAL_FALSE_ALARMS: f64 = 1.0;
 /// Largest number of contacts that are printed as text.
 const SHOWN_CONTACTS: usize = 40;
 
@@ -104,7 +106,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         let (touches, arm, _) = open(&args.free, &mut settings, differentiation, output)?;
         Some(torques(&arm, &touches.read_for(&arm, &settings, output)?, &how, output)?)
     };
-    let per_hour = args.false_alarms.unwrap_or(1.0);
+    let per_hour = args.false_alarms.unwrap_or(USUAL_FALSE_ALARMS);
     let (threshold, from) = threshold(&model, free.as_deref(), per_hour)?;
     if args.bandwidth_hz.is_some() && from == ThresholdSource::Identification {
         output.warn(
@@ -119,6 +121,18 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if let (Some(path), Some(format)) = (&args.output, format) {
         write(path, format, &joints, &rows(&found, threshold)).map_err(CliError::file)?;
     }
+    let is_identified = settings.robot.arm.is_some();
+    print(args, (&found, &contacts, &joints), (threshold, from, is_identified), output)
+}
+
+/// Prints the torques of each touch and the contacts, as text or JSON.
+fn print(
+    args: &Args,
+    (found, contacts, joints): (&[TouchTorques], &[ContactInterval], &[String]),
+    (threshold, from, is_identified): (f64, ThresholdSource, bool),
+    output: &Output,
+) -> Result<(), CliError> {
+    let per_hour = args.false_alarms.unwrap_or(USUAL_FALSE_ALARMS);
     if args.json {
         let each = |of: fn(&TouchTorques) -> Vec<f64>| found.iter().map(of).collect::<Vec<_>>();
         return output.json(&json!({
@@ -128,14 +142,14 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             "rms_n_m": each(rms_torque), "std_n_m": each(median_std),
         }));
     }
-    let source = in_words(from, per_hour, settings.robot.arm.is_some());
-    output.result(&torque_table(&found, &joints))?;
+    let source = in_words(from, per_hour, is_identified);
+    output.result(&torque_table(found, joints))?;
     output.result(&format!(
         "\nContact threshold: {threshold:.1} standard deviations ({source}).\n"
     ))?;
     output.result(&match contacts.is_empty() {
-        true => nothing_found(&found, from),
-        false => contact_table(&contacts),
+        true => nothing_found(found, from),
+        false => contact_table(contacts),
     })?;
     match &args.output {
         Some(path) => output.result(&format!("The torques are in `{}`.\n", path.display())),

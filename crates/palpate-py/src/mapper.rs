@@ -86,7 +86,7 @@ impl Mapper {
     ) -> Result<Self> {
         settings.robot.arm.clone_from(&robot.settings.arm);
         let mapper = unshown(py, |progress| {
-            let snapshot = resume::snapshot_of(saved, name, &settings)?;
+            let snapshot = resume::snapshot_of(saved, name, &robot.arm, &settings)?;
             resume::mapper(name, &robot.arm, snapshot, progress)
         })?;
         Self::of(mapper, robot, settings)

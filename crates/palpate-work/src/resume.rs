@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::path::Path;
 use std::sync::Arc;
 
-use palpate::{Arm, ExternalTorqueConfig, Field, Mapper, MapperConfig, Snapshot};
+use palpate::{Arm, ExternalTorqueConfig, Field, Mapper, MapperConfig, MapperError, Snapshot};
 use palpate_io::field::{self, SavedField};
 
 use crate::error::WorkError;
@@ -15,10 +15,12 @@ use crate::settings::{Settings, first_difference};
 ///
 /// # Errors
 ///
-/// If the field was saved without its memory or has an elastic body, or the settings contradict it.
+/// If the field was saved without its memory, has an elastic body or was learnt with another robot, or the settings
+/// contradict it.
 pub fn snapshot_of(
     saved: SavedField,
     name: &str,
+    arm: &Arm,
     settings: &Settings,
 ) -> Result<Snapshot, WorkError> {
     if saved.field.elastic.is_some() {
@@ -33,6 +35,7 @@ pub fn snapshot_of(
              without --no-memory"
         )));
     };
+    snapshot.check_arm(arm).map_err(|error| not_continued(name, &error))?;
     let is_identified = settings.robot.arm.is_some();
     if snapshot.config.touch.identified != is_identified {
         let (was, how) = if is_identified {
@@ -104,6 +107,10 @@ pub fn mapper(
     match Mapper::resume_unless_stopped(Arc::clone(arm), snapshot, step) {
         Ok(Some(mapper)) => Ok(mapper),
         Ok(None) => Err(WorkError::Interrupted { kept: format!("; `{name}` is unchanged") }),
-        Err(error) => Err(WorkError::from(format!("`{name}` cannot be continued: {error}"))),
+        Err(error) => Err(not_continued(name, &error)),
     }
+}
+
+fn not_continued(name: impl Display, error: &MapperError) -> WorkError {
+    WorkError::from(format!("`{name}` cannot be continued: {error}"))
 }

@@ -416,7 +416,7 @@ impl Args {
         let (model, name) = (saved.field.elastic.take(), path.display().to_string());
         let touches = std::mem::take(&mut saved.elastic_touches);
         output.note(&format!("continuing from `{name}`: processing the touches in its memory"));
-        let snapshot = resume::snapshot_of(saved, &name, settings)?;
+        let snapshot = resume::snapshot_of(saved, &name, arm, settings)?;
         let mapper = resume::mapper(&name, arm, snapshot, output)?;
         if self.object.is_given() {
             output.note(

@@ -29,11 +29,7 @@ impl Mapper {
         touches: &[u32],
         mut step: impl FnMut() -> bool,
     ) -> Result<Option<Self>, MapperError> {
-        let (learnt, fingerprint) = &snapshot.robot;
-        if *fingerprint != arm.fingerprint() {
-            let (learnt, given) = (learnt.clone(), arm.robot.name().to_owned());
-            return Err(MapperError::OtherRobot { learnt, given });
-        }
+        snapshot.check_arm(&arm)?;
         let inconsistent = |what: String| MapperError::Snapshot { what };
         let known: HashSet<u32> = snapshot.sample_log.iter().map(|logged| logged.touch).collect();
         if let Some(unknown) = touches.iter().find(|touch| !known.contains(touch)) {

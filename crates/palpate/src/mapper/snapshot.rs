@@ -39,6 +39,22 @@ pub struct Snapshot {
     pub calibration: Option<Calibration>,
 }
 
+impl Snapshot {
+    /// Checks that the arm is the one of the snapshot, by its fingerprint.
+    ///
+    /// # Errors
+    ///
+    /// [`MapperError::OtherRobot`].
+    pub fn check_arm(&self, arm: &Arm) -> Result<(), MapperError> {
+        let (learnt, fingerprint) = &self.robot;
+        if *fingerprint == arm.fingerprint() {
+            return Ok(());
+        }
+        let (learnt, given) = (learnt.clone(), arm.robot.name().to_owned());
+        Err(MapperError::OtherRobot { learnt, given })
+    }
+}
+
 impl Mapper {
     /// Everything needed to continue later as if mapping had never stopped, to the bit.
     pub fn snapshot(&self) -> Snapshot {
@@ -87,11 +103,7 @@ impl Mapper {
         snapshot: Snapshot,
         goes_on: impl FnMut() -> bool,
     ) -> Result<Option<Self>, MapperError> {
-        let (learnt, fingerprint) = &snapshot.robot;
-        if *fingerprint != arm.fingerprint() {
-            let (learnt, given) = (learnt.clone(), arm.robot.name().to_owned());
-            return Err(MapperError::OtherRobot { learnt, given });
-        }
+        snapshot.check_arm(&arm)?;
         let n_joints = arm.robot.n_joints();
         let mut mapper = Self::new(arm, snapshot.config)?.with_calibration(snapshot.calibration);
         if let Some(calibration) = mapper.calibration() {
