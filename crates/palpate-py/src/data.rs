@@ -5,6 +5,7 @@ use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyFloat, PyInt, PyMapping, PySequence, PyString};
 use serde::de::DeserializeOwned;
+use serde::de::value::{Error as ValueError, StrDeserializer};
 use serde_json::Value;
 
 use crate::lattice::Lattice;
@@ -19,6 +20,12 @@ pub(crate) fn of_python<T: DeserializeOwned>(plain: &Bound<'_, PyAny>) -> PyResu
     let json = plain.py().import("json")?.call_method1("dumps", (plain,))?;
     let value = serde_json::from_str(&json.extract::<String>()?);
     value.map_err(|error| PyValueError::new_err(error.to_string()))
+}
+
+/// The value that serde gives this name; `wanted` says in the error which names there are.
+pub(crate) fn named<T: DeserializeOwned>(argument: &str, name: &str, wanted: &str) -> PyResult<T> {
+    T::deserialize(StrDeserializer::<ValueError>::new(name))
+        .map_err(|_| PyValueError::new_err(format!("`{argument}` is {name:?}; wanted {wanted}")))
 }
 
 /// Settings, or one section of them, without null values and empty sections.

@@ -16,11 +16,9 @@ use palpate_work::{Progress, WorkError};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict, PyList, PyTuple};
-use serde::Deserialize;
-use serde::de::IntoDeserializer;
-use serde::de::value::{Error as ValueError, StrDeserializer};
 
 use crate::array;
+use crate::data::named;
 use crate::error::Result;
 use crate::extrapolate;
 use crate::field::Field;
@@ -108,15 +106,8 @@ pub(crate) fn seen_object(
     cloud: &Bound<'_, PyAny>,
     ObjectArguments { colours, viewpoint, kind, root }: ObjectArguments<'_, '_>,
 ) -> Result<SeenObject> {
-    let kind = kind.map(|word| {
-        let known: StrDeserializer<'_, ValueError> = word.into_deserializer();
-        ObjectKind::deserialize(known).map_err(|_| {
-            let message =
-                format!("`object_kind` is {word:?}; wanted one of {:?}", ObjectKind::WORDS);
-            PyValueError::new_err(message)
-        })
-    });
-    let kind = kind.transpose()?;
+    let wanted = format!("one of {:?}", ObjectKind::WORDS);
+    let kind = kind.map(|word| named("object_kind", word, &wanted)).transpose()?;
     let hints = ObjectHints { kind, roots_m: places(root, "root")? };
     let viewpoints = places(viewpoint, "viewpoint")?;
     let (names, clouds): (Vec<PathBuf>, Vec<Cloud>) =

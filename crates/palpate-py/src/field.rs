@@ -7,7 +7,6 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use palpate::unstable::ElasticModel;
 use palpate::{Calibration, CellId, ContactConfig, ExternalTorqueConfig, Sample, Snapshot};
 use palpate_io::field::{self, SavedField};
-use palpate_learn::next_touch::Criterion;
 use palpate_work::change::compare;
 use palpate_work::field_arrays::FieldArrays;
 use palpate_work::forget::{TouchSelection, forget};
@@ -20,13 +19,12 @@ use palpate_work::settings::Settings;
 use palpate_work::settings::sections::RobotSettings;
 use palpate_work::touches::{IfUndecided, RecordedTouch, Touches};
 use palpate_work::{Progress, WorkError};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyBytes, PyDict};
 use serde_json::json;
 
 use crate::array::{copied, counts, flat, points, row, rows, table, table_of};
-use crate::data::python;
+use crate::data::{named, python};
 use crate::error::Result;
 use crate::lattice::Lattice;
 use crate::log::{Source, opened, sources};
@@ -357,14 +355,7 @@ impl Field {
         let joints = robot.arm.robot.n_joints();
         let candidates = motions(&candidates, "candidates", joints)?;
         let task = motions(&task.unwrap_or_default(), "task", joints)?;
-        let criterion = match by {
-            "variance" => Criterion::Variance,
-            "information" => Criterion::Information,
-            other => {
-                let message = format!("`by` is {other:?}; wanted \"variance\" or \"information\"");
-                return Err(PyValueError::new_err(message).into());
-            }
-        };
+        let criterion = named("by", by, "\"variance\" or \"information\"")?;
         let request = RankingRequest { criterion, count, limit_n_m: limit, box_m: r#box };
         let saved = self.saved(py, true);
         let found = long(py, progress, |progress| {

@@ -12,13 +12,12 @@ use palpate_work::error::WorkError;
 use palpate_work::settings::{OrAuto, Settings};
 use palpate_work::touches::IfUndecided;
 use palpate_work::{arm_file, learn, prior, resume};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict};
 use serde_json::json;
 
 use crate::array::{flat, row};
-use crate::data::python;
+use crate::data::{named, python};
 use crate::error::{PalpateError, Result};
 use crate::field::Field;
 use crate::log::{opened, sources};
@@ -107,10 +106,7 @@ impl Mapper {
     ) -> Result<Self> {
         let mut settings = settings::read(settings, sections)?;
         if let Some(method) = method {
-            let kind = EstimatorKind::named(method).ok_or_else(|| {
-                let message = format!("`method` is {method:?}; wanted \"map\" or \"ekf\"");
-                PyValueError::new_err(message)
-            })?;
+            let kind = named("method", method, "\"map\" or \"ekf\"")?;
             settings.estimator.estimator = Some(kind);
         }
         if settings.estimator.estimator == Some(EstimatorKind::Elastic) {

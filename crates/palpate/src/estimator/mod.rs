@@ -91,11 +91,6 @@ impl EstimatorKind {
             Self::Elastic => "elastic",
         }
     }
-
-    /// The estimator with this name, if there is one.
-    pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.name() == name)
-    }
 }
 
 /// Estimate of one cell.
