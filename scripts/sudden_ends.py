@@ -138,7 +138,8 @@ class Map:
         code = process.returncode
         bench.codes["map", way, code] += 1
         if way == "kill" and code != 0:
-            self.judge({name for name in files(bench.out) if not name.endswith(".partial")}, before, name)
+            left = {path for path in files(bench.out) if not path.endswith((".partial", ".held"))}
+            self.judge(left, before, name)
             bench.finish(*self.words)
             self.judge(files(bench.out), None, name + ", run again")
             return
@@ -213,7 +214,7 @@ class Evaluate:
     def judge(self, names, name):
         """Every file is that of an undisturbed run, or a part that the next run goes on from."""
         found = self.found()
-        others = [path for path in names if not path.startswith("parts/part-") and found[path] != self.whole.get(path)]
+        others = [path for path in names if not path.startswith(("parts/part-", "parts/tuned-")) and found[path] != self.whole.get(path)]
         if others:
             self.bench.fault(f"{name}: incomplete, or left behind: {sorted(others)}")
 
