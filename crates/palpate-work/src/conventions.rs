@@ -56,7 +56,7 @@ pub(crate) struct ConventionEvidence {
     slope_at_start: f64,
     explained_at_start: f64,
     /// Whether the torques of some joints follow gravity with the sign plus, and those of others with the sign minus.
-    has_negated_joints: bool,
+    pub(crate) has_negated_joints: bool,
     work: Work,
 }
 

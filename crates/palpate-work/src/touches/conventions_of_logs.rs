@@ -217,7 +217,7 @@ impl Touches {
             }
             // The given part is wrong, and the check of the log warns of it.
             Err(_) if evidence.decide(KnownConvention::default()).is_ok() => {}
-            Err(undecided @ Undecided::NoFit(_)) => {
+            Err(undecided @ Undecided::NoFit(evidence)) if !evidence.has_negated_joints => {
                 progress.warn(&format!("`{path}`: {undecided}"));
             }
             Err(undecided) => match if_undecided {
