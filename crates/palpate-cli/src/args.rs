@@ -39,7 +39,8 @@ impl Cli {
             let has_value = arg.get_action().takes_values();
             arg.allow_negative_numbers(has_value)
         };
-        let command = Self::command().mut_subcommands(|command| command.mut_args(number));
+        let command =
+            Self::command().mut_args(number).mut_subcommands(|command| command.mut_args(number));
         let found = command.get_matches_from(arguments);
         Self::from_arg_matches(&found).unwrap_or_else(|error| error.exit())
     }

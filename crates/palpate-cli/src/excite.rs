@@ -38,7 +38,8 @@ pub(crate) struct Args {
     /// Output file of the motion: a table, or a trajectory_msgs/JointTrajectory
     #[arg(long, short, value_name = "FILE.csv|.yaml")]
     output: PathBuf,
-    /// Joint positions where the motion begins and ends, rad or m [default: the middle of each range]
+    /// Joint positions where the motion begins and ends, rad or m, without those of a gripper
+    /// [default: the middle of each range]
     #[arg(long, value_name = "Q1,Q2,…", value_delimiter = ',', allow_hyphen_values = true)]
     start: Option<Vec<f64>>,
     /// Duration of the motion, s [default: 20]

@@ -178,16 +178,22 @@ pub(crate) fn check_older(
     )))
 }
 
+/// Refuses the ending of another format for the file of a field.
+pub(crate) fn check_field_ending(path: &Path) -> Result<(), CliError> {
+    if ["", "npz"].contains(&&*ending(path)) {
+        return Ok(());
+    }
+    let path = path.display();
+    Err(CliError::Usage(format!(
+        "`{path}`: a field is saved as .npz; end the name so, and let `palpate convert` turn it into another format"
+    )))
+}
+
 /// Locks the file of a field until the returned value is dropped, so that no other `palpate` writes it meanwhile;
 /// `None` for a device. Refuses the ending of another format.
 pub(crate) fn hold_field(path: &Path) -> Result<Option<FileLock>, CliError> {
     check_older(path, "npz", |path| field::load(path).is_ok())?;
-    if !["", "npz"].contains(&&*ending(path)) {
-        let path = path.display();
-        return Err(CliError::Usage(format!(
-            "`{path}`: a field is saved as .npz; end the name so, and let `palpate convert` turn it into another format"
-        )));
-    }
+    check_field_ending(path)?;
     let is_device = path.exists() && !path.is_file();
     (!is_device).then(|| FileLock::on(path).map_err(CliError::file)).transpose()
 }

@@ -185,7 +185,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     if let (Some(path), Some(format)) = (&args.picture, format) {
         format.write(path, &picture::field(&saved.field)?)?;
     }
-    warn_if_worse_than_zero(&tally, output);
+    warn_if_worse_than_zero(args, &tally, output);
     let pace = pace.as_ref().map(Pace::figures);
     let (cells, body) = (CellCounts::of(&mapper), saved.field.elastic.as_deref());
     let summary =
@@ -198,15 +198,23 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 }
 
 /// Warns if the field predicted the frames that came next worse than zero does.
-fn warn_if_worse_than_zero(tally: &LearningSummary, output: &Output) {
+fn warn_if_worse_than_zero(args: &Args, tally: &LearningSummary, output: &Output) {
     let ErrorsAndZero { errors, zero } = tally.before_learning();
     if let (Some(error), Some(zero)) = (errors.avg_error, zero.avg_error)
         && error > 1.05 * zero
     {
+        let why = match args.from.is_some() || args.prior.is_some() {
+            true => {
+                "the field that it began with may be that of another, moved or changed object; see `palpate compare`"
+            }
+            false => {
+                "these may not be torques of an object, but friction, inertia or bias; `palpate inspect` and `palpate \
+                 identify` find these"
+            }
+        };
         output.warn(&format!(
-            "while it learned, the field predicted the next frame worse than zero does ({error:.3} against {zero:.3} N·m): \
-             these may not be torques of an object, but friction, inertia or bias; `palpate inspect` and `palpate \
-             identify` find these"
+            "while it learned, the field predicted the next frame worse than zero does ({error:.3} against {zero:.3} \
+             N·m): {why}"
         ));
     }
 }

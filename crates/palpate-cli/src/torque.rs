@@ -256,7 +256,7 @@ fn median_std(touch: &TouchTorques) -> Vec<f64> {
 fn in_words(from: ThresholdSource, per_hour: f64, is_identified: bool) -> String {
     match from {
         ThresholdSource::Guess if is_identified => {
-            "a guess, since the arm was identified on logs without a clock; give --free".to_owned()
+            "a guess, since the arm was identified on logs without a clock, or on too short ones; give --free".to_owned()
         }
         ThresholdSource::Guess => "a guess; give --free, or identify the arm".to_owned(),
         ThresholdSource::Identification => format!(

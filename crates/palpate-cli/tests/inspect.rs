@@ -523,6 +523,11 @@ fn saturated_torques_are_reported() {
     let mut touches = clean();
     touches[2].tau[50..54].iter_mut().for_each(|tau| tau[4] = -9.0);
     says(&only(&touches, &[], "saturation"), &["`Actuator5`", "9.000 N·m", "4 frames", "seq_2"]);
+    // A column in mN·m is not cut off.
+    let mut touches = clean();
+    touches.iter_mut().flat_map(|touch| &mut touch.tau).for_each(|tau| tau[1] *= 1000.0);
+    let codes = codes(&look(&touches, &[]).1).join(" ");
+    assert!(codes.contains("torque_unit") && !codes.contains("saturation"), "{codes}");
 }
 
 #[test]

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::process::Command;
 
 use common::{holds, names, palpate, printed, refuse, stderr};
-use recording::{Touch, clean, write};
+use recording::{Maker, Touch, clean, write};
 use tempfile::TempDir;
 
 /// A coarse lattice, so that every command is fast, and a sign that may be wrong.
@@ -69,6 +69,22 @@ fn strict_makes_it_an_error_that_leaves_no_result() {
         assert!(error.is_some_and(|error| error.contains("(torque_sign)")), "{message}");
         assert!(names(&folder.path().join("out")).is_empty());
     }
+}
+
+#[test]
+fn logs_of_two_conventions_and_negated_columns_are_refused() {
+    let folder = scene(|touch| touch.tau.iter_mut().for_each(|tau| tau[1] *= -0.9));
+    write(&folder.path().join("without"), &Maker { gravity: 0.0, ..Maker::new() }.touches());
+    write(&folder.path().join("with"), &clean());
+    let map = |logs: &[&str]| {
+        let mut map = palpate();
+        map.arg("map").args(logs.iter().map(|log| folder.path().join(log)));
+        map.arg("-o").arg(folder.path().join("out/field.npz"));
+        map
+    };
+    let said = refuse(&mut map(&["with", "without"]), 2, &["with`", "without`"]);
+    holds(&said, &["contain gravity", "contain no gravity", "separate commands"]);
+    refuse(&mut map(&["log"]), 2, &["opposite sign of the others", "--torque-sign"]);
 }
 
 #[test]

@@ -90,8 +90,8 @@ pub(crate) fn evaluate<'py>(
     let evaluated = long(py, progress, |progress| {
         let arm = &robot.arm;
         let named = (truth, reuse.as_deref());
-        let followed = TrackedLogs::of(sources, &mut settings, arm, named, progress)?;
-        let TrackedLogs { recorded, touches, .. } = &*followed;
+        let logs = TrackedLogs::of(sources, &mut settings, arm, named, progress)?;
+        let TrackedLogs { recorded, touches, .. } = &*logs;
         let folds = evaluation::folds(touches, folds, test.as_deref().unwrap_or_default())?;
         let work = EvaluationJob {
             arm,
@@ -105,7 +105,7 @@ pub(crate) fn evaluate<'py>(
             given: given_settings(&settings),
             truth,
             bodies: cloud.map(|object| object.bodies(progress)).transpose()?.unwrap_or_default(),
-            tracked: Some(followed.tracked()),
+            tracked: Some(logs.tracked()),
         };
         work.evaluate(&NoStore, progress)
     })?;

@@ -57,10 +57,10 @@ impl TrackedLogs {
             *last = last.take().filter(is_same); // frees its memory before new touches are read
             last.clone()
         };
-        if let Some(followed) = kept {
-            settings.touch.clone_from(&followed.touch);
-            followed.messages.iter().for_each(|message| progress.push(message.clone()));
-            return Ok(followed);
+        if let Some(logs) = kept {
+            settings.touch.clone_from(&logs.touch);
+            logs.messages.iter().for_each(|message| progress.push(message.clone()));
+            return Ok(logs);
         }
         let mut touches = opened(sources, &settings.log)?;
         touches.angle_unit(arm, settings, progress)?;
@@ -70,10 +70,10 @@ impl TrackedLogs {
             .map_err(|error| fault(&recorded, error, String::new()))?;
         let (touch, messages) = (settings.touch.clone(), progress.messages());
         let tracked = Arc::new(tracked);
-        let followed = Arc::new(Self { key, recorded, touches, tracked, touch, messages });
+        let logs = Arc::new(Self { key, recorded, touches, tracked, touch, messages });
         if named.is_some() {
-            *LAST.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&followed));
+            *LAST.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&logs));
         }
-        Ok(followed)
+        Ok(logs)
     }
 }

@@ -145,6 +145,9 @@ def test_the_service_is_laid_out_as_on_the_wire() -> None:
         assert isinstance(of_peer, ast.Dict)
         types = zip(of_peer.keys, of_peer.values, strict=True)
         assert [(ast.literal_eval(name), ast.unparse(kind)) for name, kind in types if name] == wanted
+    functions = (node for node in ast.walk(peer) if isinstance(node, ast.FunctionDef))
+    service = next(ast.unparse(function) for function in functions if function.name == "_service")
+    assert "client=uint64, number=int64, **fields" in service
 
 
 def test_the_package_has_the_version_and_the_dependencies_of_its_files() -> None:

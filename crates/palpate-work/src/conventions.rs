@@ -55,8 +55,8 @@ pub(crate) struct ConventionEvidence {
     /// Slope and explained share for the first samples of the touches.
     slope_at_start: f64,
     explained_at_start: f64,
-    /// Whether the torques of some joints follow gravity with the sign plus, and those of others with the sign minus.
-    pub(crate) has_negated_joints: bool,
+    /// Joints whose torques follow gravity with the sign plus, and those with the sign minus, a bit for each joint.
+    joints_by_sign: [u64; 2],
     work: Work,
 }
 
@@ -75,20 +75,20 @@ fn slope(torques: &[(Vec<f64>, Vec<f64>)]) -> (f64, f64) {
     }
 }
 
-/// Whether gravity shows the sign plus at some joints and minus at others, each with about the right size.
-fn has_negated_joints(torques: &[(Vec<f64>, Vec<f64>)]) -> bool {
+/// The joints whose torques are about those of gravity, and those whose torques are about minus those, a bit for each.
+fn joints_by_sign(torques: &[(Vec<f64>, Vec<f64>)]) -> [u64; 2] {
     let joints = torques.first().map_or(0, |(gravity, _)| gravity.len());
-    let slope_of = |joint: usize| {
-        let of_joint =
-            |(gravity, tau): &(Vec<f64>, Vec<f64>)| (vec![gravity[joint]], vec![tau[joint]]);
+    let mut bits = [0; 2];
+    for joint in 0..joints.min(64) {
+        let of_joint = |(g, tau): &(Vec<f64>, Vec<f64>)| (vec![g[joint]], vec![tau[joint]]);
         let of_joint: Vec<_> = torques.iter().map(of_joint).collect();
         let has_gravity = residual(&of_joint, 0.0, 1.0).is_some_and(|size| size >= MIN_GRAVITY);
         let (slope, explained) = slope(&of_joint);
-        (has_gravity && explained > EXPLAINED).then_some(slope)
-    };
-    let near = |sign: f64| move |slope: f64| (slope - sign).abs() < NEAR_SLOPE;
-    let slopes: Vec<f64> = (0..joints).filter_map(slope_of).collect();
-    [1.0, -1.0].into_iter().all(|sign| slopes.iter().copied().any(near(sign)))
+        if has_gravity && explained > EXPLAINED && (slope.abs() - 1.0).abs() < NEAR_SLOPE {
+            bits[usize::from(slope < 0.0)] |= 1 << joint;
+        }
+    }
+    bits
 }
 
 /// Work that torques do on an arm, summed from the start of each touch, J.
@@ -134,6 +134,11 @@ pub(crate) struct TorqueConvention {
 }
 
 impl TorqueConvention {
+    /// Whether gravity is large enough to show the convention, and there are torques.
+    pub(crate) fn is_by_gravity(&self) -> bool {
+        self.evidence.gravity >= MIN_GRAVITY && !self.is_without_torque()
+    }
+
     /// Whether all torques are near zero.
     pub(crate) fn is_without_torque(&self) -> bool {
         self.evidence.largest < MIN_TORQUE
@@ -177,9 +182,17 @@ impl ConventionEvidence {
             explained,
             slope_at_start,
             explained_at_start,
-            has_negated_joints: has_negated_joints(&torques),
+            joints_by_sign: joints_by_sign(&torques),
             work: Work::of(robot, touches, still_rad),
         })
+    }
+
+    /// The joints of which gravity shows the sign plus, and those with minus, if there are both.
+    pub(crate) fn negated_joints(&self) -> Option<[Vec<usize>; 2]> {
+        let joints = self
+            .joints_by_sign
+            .map(|bits| (0..64).filter(|joint| bits >> joint & 1 == 1).collect());
+        joints.iter().all(|joints: &Vec<usize>| !joints.is_empty()).then_some(joints)
     }
 
     /// The sign of torques without gravity, if their work shows it.
@@ -246,7 +259,7 @@ impl ConventionEvidence {
             _ if !near && least > BETTER * self.gravity => Err(Undecided::NoFit(self)),
             _ if !near && !clear => Err(Undecided::Ambiguous(self)),
             Gravity::Included => Ok(found(torque_sign, held)),
-            Gravity::Removed if self.is_proportional() || self.has_negated_joints => {
+            Gravity::Removed if self.is_proportional() || self.negated_joints().is_some() => {
                 Err(Undecided::NoFit(self))
             }
             Gravity::Removed => removed(held),
@@ -312,9 +325,9 @@ impl fmt::Display for Undecided {
                 f,
                 "no combination of sign and gravity explains the torques: they are {torque} N·m, {slope:.2} times \
                  the torques of gravity ({gravity} N·m); {}",
-                if of.has_negated_joints {
+                if of.negated_joints().is_some() {
                     "some joints have the opposite sign of the others: `palpate inspect` names them; negate their \
-                     columns in the log"
+                     columns in the log, or give both --torque-sign and --gravity to read them as they are"
                 } else if IN_THOUSANDTHS.contains(&slope.abs()) {
                     "are they in mN·m? wanted N·m"
                 } else {
@@ -437,10 +450,9 @@ mod tests {
             let tau = |step| gravity(step).iter().zip(signs).map(|(g, sign)| sign * g).collect();
             (0..100).map(|step| (gravity(step), tau(step))).collect()
         };
-        assert!(has_negated_joints(&pairs([1.0, -1.0])) && has_negated_joints(&pairs([-1.0, 1.0])));
-        assert!(
-            !has_negated_joints(&pairs([-1.0, -1.0])) && !has_negated_joints(&pairs([1.0, 0.1]))
-        );
+        assert_eq!(joints_by_sign(&pairs([1.0, -1.0])), [0b01, 0b10]);
+        assert_eq!(joints_by_sign(&pairs([-1.0, -1.0])), [0, 0b11]);
+        assert_eq!(joints_by_sign(&pairs([1.0, 0.1])), [0b01, 0]);
         let mut evidence = ConventionEvidence::of(
             &Robot::built_in("kinova_gen3").unwrap(),
             &[&touch(1.0, 0.0, [8.0, 1.0])],
@@ -448,7 +460,7 @@ mod tests {
         )
         .unwrap();
         assert_eq!(evidence.decide(KnownConvention::default()).unwrap().gravity, Gravity::Removed);
-        evidence.has_negated_joints = true;
+        evidence.joints_by_sign = [0b01, 0b10];
         let refused = evidence.decide(KnownConvention::default()).unwrap_err().to_string();
         assert!(refused.contains("opposite sign of the others"), "{refused}");
     }

@@ -94,7 +94,7 @@ pub struct ContactInterval {
 }
 
 /// External torques of touches whose samples hold external torques with standard deviations
-/// (`Touches::identified`).
+/// (`Touches::use_arm_model`).
 ///
 /// # Errors
 ///

@@ -63,8 +63,14 @@ pub(super) fn convert(
     if touches.are_currents() {
         output.note("the torques are motor currents, but the output does not record that");
     }
+    let mut loaded = None;
+    let mut arm_of = |touches: &mut Touches| -> Result<Arc<Arm>, CliError> {
+        let arm = loaded.take().map_or_else(|| arm_of_log(touches, settings, output), Ok)?;
+        loaded = Some(Arc::clone(&arm));
+        Ok(arm)
+    };
     if settings.log.pauses().is_some() {
-        let arm = arm_of_log(&mut touches, settings, output)?;
+        let arm = arm_of(&mut touches)?;
         let config = settings.config()?;
         touches = touches.for_arm(&arm, &settings.log, (config.lattice, config.contact))?;
     }
@@ -72,7 +78,7 @@ pub(super) fn convert(
     let (is_arrays, is_of_robot) =
         (matches!(format, Format::Arrays), settings.robot.robot.is_some());
     if is_arrays && is_of_robot {
-        let arm = arm_of_log(&mut touches, settings, output)?;
+        let arm = arm_of(&mut touches)?;
         touches.reorder_to(&arm);
     }
     let Some(TouchEvent::Touch(first)) = touches.advance()? else {
@@ -87,7 +93,12 @@ pub(super) fn convert(
         ));
     }
     let joints = match (format, joints) {
-        (Format::Bag(_), None) => Some(names_of_robot(&mut touches, settings, output)?),
+        (Format::Bag(_), None) => {
+            let name = settings.robot.name();
+            output
+                .note(&format!("the log contains no joint names; the bag gets those of `{name}`"));
+            Some(arm_of(&mut touches)?.robot.joint_names().map(str::to_owned).collect())
+        }
         (_, joints) => joints,
     };
     let bar = output.begin(touches.samples(), "frames", "converting");
@@ -119,18 +130,6 @@ fn arm_of_log(
 ) -> Result<Arc<Arm>, CliError> {
     let arm = robot::load(&settings.robot, output)?;
     touches.arm_of_logs(arm, &mut settings.robot.clone(), output)
-}
-
-/// The joint names of the robot in the settings, for a log without names.
-fn names_of_robot(
-    touches: &mut Touches,
-    settings: &Settings,
-    output: &Output,
-) -> Result<Vec<String>, CliError> {
-    let arm = arm_of_log(touches, settings, output)?;
-    let name = settings.robot.name();
-    output.note(&format!("the log contains no joint names; the bag gets those of `{name}`"));
-    Ok(arm.robot.joint_names().map(str::to_owned).collect())
 }
 
 /// State of a conversion.

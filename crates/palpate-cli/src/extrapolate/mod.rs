@@ -134,6 +134,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let started = Instant::now();
     Ending::of(&args.output)?;
     let settings = args.settings.load()?;
+    args.field.as_deref().map(file_paths::check_field_ending).transpose()?;
     args.check_places(&settings)?;
     let picture = args.picture.as_deref().map(Format::of).transpose()?;
     interrupt::listen();

@@ -420,10 +420,10 @@ impl Sums {
         (self.measured > 0.0).then(|| (error.max(0.0) / self.measured).sqrt())
     }
 
-    /// The change that explains a contradiction: a motion whose residual is small enough, or none if that motion is none;
-    /// otherwise a factor whose
+    /// The change that explains a contradiction: a motion whose residual is small enough; otherwise a factor whose
     /// residual is, if most contacts are known; otherwise neither. For repeated touches, an exact factor is preferred
-    /// to a motion. `moved` and `scaled` are the squared errors that remain with the motion and the factor.
+    /// to a motion, and a motion that is too small to be told from none means that nothing has changed. `moved` and
+    /// `scaled` are the squared errors that remain with the motion and the factor.
     fn change(
         &self,
         (motion, moved): (ObjectMotion, f64),
@@ -444,8 +444,8 @@ impl Sums {
         let moves = moved < f64::min(beside_factor * scaled, most * error.min(torque));
         if repeats && is_exact {
             Change::by(factor)
-        } else if moves && motion.is_none() {
-            Change::Unchanged // learnt touches at the same place of the object had these torques
+        } else if repeats && moves && motion.is_none() {
+            Change::Unchanged // learnt touches at the same place had these torques
         } else if moves {
             Change::Moved(motion)
         } else if !is_known || scaled > LEAVES * error {

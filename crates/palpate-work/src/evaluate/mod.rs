@@ -110,7 +110,7 @@ impl EvaluationJob<'_> {
     ) -> Result<Evaluated, WorkError> {
         let config = &self.estimators[0];
         let tracked = match &self.tracked {
-            Some(followed) => Arc::clone(followed),
+            Some(tracked) => Arc::clone(tracked),
             None => Arc::new(
                 track(self.arm, config, self.touches, progress)
                     .map_err(|error| self.fault(error, keep))?,

@@ -88,7 +88,7 @@ pub struct MemoryFacts {
     pub method: EstimatorKind,
     /// Its settings.
     pub estimator: EstimatorConfig,
-    /// Standard deviation of an untouched cell, N/m.
+    /// Standard deviation of an untouched cell in the field, times `stiffness_scale` as that of touched cells is, N/m.
     pub prior_std_n_per_m: f64,
     /// Number of touches so far.
     pub touches: u32,
@@ -207,7 +207,7 @@ impl FieldFacts {
         let [least, _, _, _, largest] = self.std_n_per_m?;
         let memory = self.own.as_ref().and_then(|own| own.memory.as_ref());
         let prior = memory.map_or(largest, |memory| memory.prior_std_n_per_m);
-        (least >= UNCHANGED * prior && self.cells > 1).then(|| {
+        (prior > 0.0 && least >= UNCHANGED * prior && self.cells > 1).then(|| {
             let what = format!(
                 "the standard deviation of every cell is still {} N/m, as before learning",
                 number(least)

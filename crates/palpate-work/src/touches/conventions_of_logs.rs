@@ -133,7 +133,7 @@ impl Touches {
         touches.find(|(_, is_other, _)| *is_other).map(|(path, _, name)| (path, name))
     }
 
-    /// The end of an error if the torques of two logs show different conventions.
+    /// What gravity shows of two logs with different conventions; `None` if there are no such logs.
     fn logs_of_two_conventions(
         &self,
         robot: &Robot,
@@ -144,8 +144,11 @@ impl Touches {
             let touches = touches_of(self.logs.ahead_of(log), robot)?;
             let samples: Vec<&[Sample]> = touches.iter().map(|touch| &touch.samples[..]).collect();
             let found = ConventionEvidence::of(robot, &samples, still_rad)?.decide(given).ok()?;
-            (!found.is_without_torque()).then(|| (path.display().to_string(), found))
+            found.is_by_gravity().then(|| (path.display().to_string(), found))
         };
+        if self.logs.all().nth(1).is_none() {
+            return None;
+        }
         let logs = self.logs.all().enumerate();
         let found: Vec<(String, TorqueConvention)> =
             logs.filter_map(|(log, (path, _))| of_log(log, path)).collect();
@@ -169,8 +172,8 @@ impl Touches {
     ///
     /// # Errors
     ///
-    /// If the settings contradict the type of message, logs of different kinds are mixed, or the data do not decide the
-    /// convention and that is to be refused.
+    /// If the settings contradict the type of message, logs of different kinds or conventions are mixed, or the data do
+    /// not decide the convention and that is to be refused.
     pub(crate) fn conventions(
         &mut self,
         arm: &Arm,
@@ -198,10 +201,10 @@ impl Touches {
         }
         let given = KnownConvention { torque_sign, gravity };
         let decided = evidence.decide(given);
-        if decided.is_err()
-            && let Some(differ) = self.logs_of_two_conventions(&arm.robot, set.still_rad, given)
-        {
-            return Err(WorkError::Usage(differ));
+        match self.logs_of_two_conventions(&arm.robot, set.still_rad, given) {
+            Some(differ) if decided.is_err() => return Err(WorkError::Usage(differ)),
+            Some(differ) => progress.warn(&differ),
+            None => {}
         }
         match decided {
             Ok(found) => {
@@ -217,15 +220,18 @@ impl Touches {
             }
             // The given part is wrong, and the check of the log warns of it.
             Err(_) if evidence.decide(KnownConvention::default()).is_ok() => {}
-            Err(undecided @ Undecided::NoFit(evidence)) if !evidence.has_negated_joints => {
-                progress.warn(&format!("`{path}`: {undecided}"));
-            }
-            Err(undecided) => match if_undecided {
-                IfUndecided::Refuse => {
-                    return Err(WorkError::Usage(format!("`{path}`: {undecided}")));
+            Err(undecided) => {
+                let text = format!("`{path}`: {undecided}");
+                match (undecided, if_undecided) {
+                    // Perhaps only the unit or the payload is wrong.
+                    (Undecided::NoFit(of), _) if of.negated_joints().is_none() => {
+                        progress.warn(&text)
+                    }
+                    (_, IfUndecided::Refuse) => return Err(WorkError::Usage(text)),
+                    (Undecided::NoFit(_), IfUndecided::LeaveOpen) => progress.warn(&text),
+                    (_, IfUndecided::LeaveOpen) => progress.note(&text),
                 }
-                IfUndecided::LeaveOpen => progress.note(&format!("`{path}`: {undecided}")),
-            },
+            }
         }
         Ok(())
     }

@@ -113,7 +113,7 @@ impl LogCheck {
             if self.set.gravity == Gravity::Removed {
                 found.retain(|finding| finding.code != "torque_sign");
             }
-            let log = format!("{}, of which {read} were read so far,", self.log());
+            let log = format!("{} ({read} read so far)", self.log().trim_end_matches(','));
             self.warn(&found, &log, progress)?;
         }
         self.begin_touch(touches.begun(name));

@@ -91,7 +91,7 @@ fn step(touches: &[RecordedTouch]) -> f64 {
 
 /// A touch, tracked in the lattice.
 #[derive(Default)]
-struct FollowedTouch {
+struct TouchTrack {
     /// Number of frames from the first on in which the arm stands still, or touches no point.
     start_frames: usize,
     /// Logged torques in the sign of external torques, minus gravity, by frame, N·m.
@@ -140,15 +140,15 @@ impl Figures {
         let step = step(touches);
         let follow = |(number, touch): (usize, &RecordedTouch)| {
             let known = contacts.map(|contacts| contacts[number].as_slice());
-            let followed = self.follow(touch, (known, step), (bar.as_deref(), progress))?;
-            Ok((self.figures(touch, &followed), followed))
+            let track = self.follow(touch, (known, step), (bar.as_deref(), progress))?;
+            Ok((self.figures(touch, &track), track))
         };
         let found = touches.par_iter().enumerate().map(follow);
         let found = found.collect::<Result<Vec<_>, WorkError>>()?;
         let (mut touched, mut cells) = (ContactCounts::default(), HashSet::<CellId>::new());
-        for (_, followed) in &found {
-            touched.join(&followed.touched);
-            cells.extend(&followed.cells);
+        for (_, track) in &found {
+            touched.join(&track.touched);
+            cells.extend(&track.cells);
         }
         Ok((found.into_iter().map(|(facts, _)| facts).collect(), touched, cells.len()))
     }
@@ -159,7 +159,7 @@ impl Figures {
         touch: &RecordedTouch,
         (known, step): (Option<&[usize]>, f64),
         (bar, progress): (Option<&dyn Bar>, &dyn Progress),
-    ) -> Result<FollowedTouch, WorkError> {
+    ) -> Result<TouchTrack, WorkError> {
         let mut tracker = self.tracker.clone();
         tracker.begin_touch();
         let (robot, start) = (&self.tracker.arm().robot, &touch.samples[0].q);
@@ -177,7 +177,7 @@ impl Figures {
             let cells = contacts.links.iter().flat_map(|link| &link.cells).copied();
             Some((contacts.len(), cells.collect(), untared))
         };
-        let (mut followed, mut started) = (FollowedTouch::default(), false);
+        let (mut track, mut started) = (TouchTrack::default(), false);
         for (frame, sample) in touch.samples.iter().enumerate() {
             if progress.stopped() {
                 return Err(WorkError::Interrupted { kept: String::new() });
@@ -185,28 +185,28 @@ impl Figures {
             let Some((contacts, cells, untared)) = feed(frame, sample) else {
                 // The mapper would refuse it.
                 started = true;
-                followed.raw.push(sample.tau.clone());
-                followed.touched.add(0);
+                track.raw.push(sample.tau.clone());
+                track.touched.add(0);
                 continue;
             };
             let at = (start.as_slice(), sample.q.as_slice());
             started |= !is_contact_free(robot, at, self.still_rad, contacts > 0);
-            followed.start_frames += usize::from(!started);
-            followed.raw.push(untared.as_slice().to_vec());
-            followed.touched.add(contacts);
+            track.start_frames += usize::from(!started);
+            track.raw.push(untared.as_slice().to_vec());
+            track.touched.add(contacts);
             let learnt = match self.tare {
                 Tare::None => true,
                 Tare::Auto => started,
                 Tare::Frames(frames) => frame >= frames as usize,
             };
             if learnt {
-                followed.cells.extend::<Vec<CellId>>(cells);
+                track.cells.extend::<Vec<CellId>>(cells);
             }
             if let Some(bar) = bar {
                 bar.step();
             }
         }
-        Ok(followed)
+        Ok(track)
     }
 
     /// Torque of a sample in the sign of external torques, minus gravity, N·m; `None` if it is refused.
@@ -217,8 +217,8 @@ impl Figures {
     }
 
     /// The figures of a touch.
-    fn figures(&self, touch: &RecordedTouch, followed: &FollowedTouch) -> TouchFacts {
-        let FollowedTouch { start_frames, raw, touched, .. } = followed;
+    fn figures(&self, touch: &RecordedTouch, track: &TouchTrack) -> TouchFacts {
+        let TouchTrack { start_frames, raw, touched, .. } = track;
         let start_frames = *start_frames;
         let tare_frames = match self.tare {
             Tare::None => 0,

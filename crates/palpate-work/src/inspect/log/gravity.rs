@@ -39,7 +39,8 @@ pub(super) fn judge(
     }
     fits = fits.with_sign_by_work(evidence.and_then(|evidence| evidence.sign_by_work()));
     let mut payload = None;
-    let by_sign = reading::by_sign(robot, &rests, set, &fits);
+    let by_sign = reading::by_sign(robot, &rests, set, &fits)
+        .or_else(|| evidence.and_then(|evidence| evidence.negated_joints()));
     if let Some(by_sign) = &by_sign {
         findings.push(opposite_signs(robot, by_sign));
     } else if fits.contradict() {
@@ -178,7 +179,7 @@ fn opposite_signs(robot: &Robot, by_sign: &[Vec<usize>; 2]) -> Finding {
         .each_ref()
         .map(|joints| joints.iter().map(|&joint| names[joint]).collect::<Vec<_>>());
     let what = format!(
-        "at rest, gravity shows the sign plus for {}, and minus for {}: some columns are negated",
+        "gravity shows the sign plus for {}, and minus for {}: some columns are negated",
         listed(&plus),
         listed(&minus)
     );

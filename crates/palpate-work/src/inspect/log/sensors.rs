@@ -30,8 +30,10 @@ const CUT_TIMES: usize = 4;
 /// Share of the effort limit from which on a sensor may be saturated.
 const SATURATED: f64 = 0.99;
 
-/// Torques of more than this multiple of the effort limit are not cut off by the sensor, but in another unit.
+/// If torques are above this multiple of the effort limit in more than this share of the samples, they are not cut off by
+/// the sensor but in another unit.
 const BEYOND: f64 = 5.0;
+const OFTEN_BEYOND: f64 = 0.1;
 
 /// Everything that looks wrong; without a robot, joints have no effort limits.
 pub(super) fn findings(
@@ -128,12 +130,16 @@ fn saturated(
     (joint, name): (usize, &str),
     effort: f64,
 ) -> Option<Finding> {
-    let torques = touches.iter().flat_map(|touch| &touch.samples).map(|sample| sample.tau[joint]);
-    let largest = torques.map(f64::abs).fold(0.0, f64::max);
-    if largest > BEYOND * effort {
+    let samples = touches.iter().flat_map(|touch| &touch.samples);
+    let torques: Vec<f64> = samples.map(|sample| sample.tau[joint].abs()).collect();
+    let beyond = torques.iter().filter(|torque| **torque > BEYOND * effort).count();
+    let largest = torques.iter().copied().fold(0.0, f64::max);
+    if beyond as f64 > OFTEN_BEYOND * torques.len() as f64 {
         let (largest, effort) = (number(largest), number(effort));
         let what = format!(
-            "the torque of joint `{name}` reaches {largest} N·m, far beyond its limit of {effort} N·m"
+            "the torque of joint `{name}` is far beyond its limit of {effort} N·m in {} of {}, up to {largest} N·m",
+            beyond,
+            counted(torques.len(), "frame")
         );
         let remedy = "check the unit of this column (wanted N·m; a thousand times too large are mN·m), and the effort \
                       limit in the URDF";
