@@ -44,7 +44,7 @@ impl WorkError {
     }
 
     /// The error for a touch of a log that cannot be used.
-    pub(crate) fn touch(log: &Path, place: String, source: impl Into<MapperError>) -> Self {
+    pub fn touch(log: &Path, place: String, source: impl Into<MapperError>) -> Self {
         Self::Touch { log: log.to_owned(), place, source: Box::new(source.into()) }
     }
 }

@@ -54,15 +54,7 @@ pub(super) fn convert(
     output: &Output,
 ) -> Result<(), CliError> {
     let mut touches = Touches::open(&[input.to_owned()], &settings.log.options())?;
-    if touches.are_external() {
-        output.note(
-            "the torques are external ones, but the output does not record that: read it with --gravity \
-             removed",
-        );
-    }
-    if touches.are_currents() {
-        output.note("the torques are motor currents, but the output does not record that");
-    }
+    note_unrecorded(&touches, output);
     let mut loaded = None;
     let mut arm_of = |touches: &mut Touches| -> Result<Arc<Arm>, CliError> {
         let arm = loaded.take().map_or_else(|| arm_of_log(touches, settings, output), Ok)?;
@@ -120,6 +112,19 @@ pub(super) fn convert(
     let path = path.display();
     let touches = counted(touched as usize, "touch");
     output.result(&format!("`{path}` contains {touches}, {samples} samples in all.\n"))
+}
+
+/// Notes what the output does not record of the torques.
+fn note_unrecorded(touches: &Touches, output: &Output) {
+    if touches.are_external() {
+        output.note(
+            "the torques are external ones, but the output does not record that: read it with --gravity \
+             removed",
+        );
+    }
+    if touches.are_currents() {
+        output.note("the torques are motor currents, but the output does not record that");
+    }
 }
 
 /// The robot in the settings, without the fingers that the log lacks.

@@ -146,9 +146,7 @@ impl Touches {
             let found = ConventionEvidence::of(robot, &samples, still_rad)?.decide(given).ok()?;
             found.is_by_gravity().then(|| (path.display().to_string(), found))
         };
-        if self.logs.all().nth(1).is_none() {
-            return None;
-        }
+        self.logs.all().nth(1)?; // one log has one convention
         let logs = self.logs.all().enumerate();
         let found: Vec<(String, TorqueConvention)> =
             logs.filter_map(|(log, (path, _))| of_log(log, path)).collect();
