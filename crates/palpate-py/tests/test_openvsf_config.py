@@ -88,7 +88,7 @@ def test_what_is_no_dataset_is_refused(dataset: Path, tmp_path: Path) -> None:
         openvsf.open_dataset(dataset)
     with pytest.raises(palpate.LogError, match="holds no sequences"):
         openvsf.open_dataset(tmp_path)
-    with pytest.raises(palpate.LogError, match="cannot be read: there is no such file"):
+    with pytest.raises(palpate.LogError, match="cannot be read: No such file"):
         openvsf.open_dataset(tmp_path / "nowhere")
 
 
@@ -366,7 +366,7 @@ def test_files_of_other_kinds_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(palpate.FileError, match=r"a\.yaml` cannot be read: it is not a text file"):
         openvsf.read_config(tmp_path / "a.yaml")
-    with pytest.raises(palpate.FileError, match=r"b\.yaml` cannot be read: there is no such file"):
+    with pytest.raises(palpate.FileError, match=r"b\.yaml` cannot be read: No such file"):
         openvsf.read_config(tmp_path / "b.yaml")
 
 

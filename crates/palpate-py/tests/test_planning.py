@@ -279,5 +279,5 @@ def test_needs_ompl_a_plan_of_guesses_costs_no_more_than_any_of_them(
 
 def test_another_robot_than_that_of_the_field_is_reported(field: palpate.Field, touch: palpate.Touch) -> None:
     coarser = palpate.Robot(bake_spacing_m=0.01)
-    with pytest.warns(palpate.PalpateWarning, match="learnt with another robot"):
+    with pytest.warns(palpate.PalpateWarning, match="with other joints, masses or shapes"):
         field.predict(touch.q[:5], coarser)
