@@ -142,7 +142,7 @@ fn print(
             "rms_n_m": each(rms_torque), "std_n_m": each(median_std),
         }));
     }
-    let source = in_words(from, per_hour, is_identified);
+    let source = threshold_source(from, per_hour, is_identified);
     output.result(&torque_table(found, joints))?;
     output.result(&format!(
         "\nContact threshold: {threshold:.1} standard deviations ({source}).\n"
@@ -253,7 +253,7 @@ fn median_std(touch: &TouchTorques) -> Vec<f64> {
 }
 
 /// What the contact threshold was found from.
-fn in_words(from: ThresholdSource, per_hour: f64, is_identified: bool) -> String {
+fn threshold_source(from: ThresholdSource, per_hour: f64, is_identified: bool) -> String {
     match from {
         ThresholdSource::Guess if is_identified => {
             "a guess, since the arm was identified on logs without a clock, or on too short ones; give --free".to_owned()

@@ -14,7 +14,7 @@
 //! | [`mod@change`]         | whether touches contradict a field, and what has changed           |
 //! | [`mod@forget`]         | removing touches from a field by learning the others again         |
 //! | [`mod@next`]           | ranking motions by how much they would teach                       |
-//! | [`mod@prediction_report`] | the four error figures of predicted touches                     |
+//! | [`mod@prediction_report`] | errors of a saved field on touches, as `predict` reports them   |
 //! | [`mod@held_joints`]    | joints that are not in a log and stand still                       |
 //! | [`mod@elastic`]        | elastic bodies from a cloud and touches                            |
 //! | [`mod@evaluate`]       | methods compared on held-out touches                               |

@@ -228,7 +228,10 @@ pub fn planned(
     progress: &dyn Progress,
 ) -> Result<Vec<DVector<f64>>, WorkError> {
     if field.elastic.as_ref().is_some_and(|model| model.creep_s > 0.0 && model.share > 0.0) {
-        progress.note("the path has no times: creep of contacts with the elastic body is computed for the speed of the learnt touches");
+        progress.note(
+            "the path has no times: creep of contacts with the elastic body is computed for the speed of the learnt \
+             touches",
+        );
     }
     let mut predictor = Predictor::planned(Arc::clone(arm), field).map_err(SettingsError::value)?;
     predictor.begin_touch();

@@ -120,8 +120,8 @@ pub(super) fn unpaired(header: &[String], q: &Family, tau: &Family) -> String {
     let parts = [
         ("no torque belongs to", columns(q, &|label| !tau.labels.contains(label))),
         ("no position belongs to", columns(tau, &|label| !q.labels.contains(label))),
-        ("there are several columns", columns(q, &|label| is_double(q, label))),
-        ("there are several columns", columns(tau, &|label| is_double(tau, label))),
+        ("one joint has several columns:", columns(q, &|label| is_double(q, label))),
+        ("one joint has several columns:", columns(tau, &|label| is_double(tau, label))),
     ];
     let parts = parts.iter().filter(|(_, columns)| !columns.is_empty());
     let parts: Vec<String> = parts.map(|(what, columns)| format!("{what} {columns}")).collect();

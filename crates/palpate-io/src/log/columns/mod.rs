@@ -452,7 +452,7 @@ mod tests {
             ("a,b,c", "known name of joint positions"),
             ("q1,q2,dq1", "known name of joint torques"),
             ("q1,q2,tau1", "not of the same joints: no torque belongs to `q2`"),
-            ("q1,q2,tau1,tau2,tau2", "several columns `tau2`, `tau2`"),
+            ("q1,q2,tau1,tau2,tau2", "one joint has several columns: `tau2`, `tau2`"),
             ("q0,q1,tau1,tau2", "no torque belongs to `q0`; no position belongs to `tau2`"),
             ("q1,q3,tau1,tau3", "gaps"),
             ("q1,q1,tau1,tau1", "gaps or repeat"),

@@ -30,9 +30,10 @@ const CUT_TIMES: usize = 4;
 /// Share of the effort limit from which on a sensor may be saturated.
 const SATURATED: f64 = 0.99;
 
-/// If torques are above this multiple of the effort limit in more than this share of the samples, they are not cut off by
-/// the sensor but in another unit.
+/// Torques above this multiple of the effort limit are not cut off by the sensor: if there are many, they are in another
+/// unit.
 const BEYOND: f64 = 5.0;
+/// Share of the samples above which torques beyond that multiple are many.
 const OFTEN_BEYOND: f64 = 0.1;
 
 /// Everything that looks wrong; without a robot, joints have no effort limits.
