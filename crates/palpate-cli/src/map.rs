@@ -162,8 +162,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let (touches, arm) = logs::open(&args.logs, &mut settings, if_undecided, output)?;
     let (mut mapper, mut pace) = begin(args, (&arm, &settings, is_tuned), &mut elastic, output)?;
     logs::note_robot(&arm, &settings, output);
-    let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
-    let mut touches = touches.for_arm(&arm, &settings.log, place)?;
+    let lattice = mapper.config().lattice.clone();
+    let mut touches = touches.for_arm(&arm, &settings.log, lattice)?;
     let mut fill = |mapper: &mut Mapper, report: &StepReport, started: Instant| {
         if let Some(pace) = &mut pace {
             pace.fill(mapper, report, started);

@@ -101,14 +101,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let arm = robot::load(&settings.robot, output)?;
     let own = of_field(Arc::clone(&arm), saved.snapshot.as_ref(), output);
     robot::warn_of_other_robot((&saved.robot, saved.snapshot.as_ref()), &own, output);
-    let place = (saved.field.lattice.clone(), saved.field.contact.clone());
     let mut read = |logs: &[PathBuf], arm: &Arc<Arm>| -> Result<_, CliError> {
         let mut options = settings.log.options();
         options.planned = true;
         let mut touches = Touches::open(logs, &options)?;
         let arm = touches.arm_of_logs(Arc::clone(arm), &mut settings.robot, output)?;
         touches.angle_unit(&arm, &mut settings.clone(), output)?; // of these logs only
-        let mut touches = touches.for_arm(&arm, &settings.log, place.clone())?;
+        let mut touches = touches.for_arm(&arm, &settings.log, saved.field.lattice.clone())?;
         Ok((touches.read(None)?, arm))
     };
     let (candidates, arm) = read(&args.candidates, &arm)?;

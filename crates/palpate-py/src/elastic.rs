@@ -179,8 +179,8 @@ pub(crate) fn map_elastic(
         touches.prepare_torques(&arm, &mut settings, IfUndecided::Refuse, progress)?;
         let config = settings.config()?;
         let mut mapper = Mapper::new(arm, config).map_err(SettingsError::value)?;
-        let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
-        let mut touches = touches.for_arm(&robot.arm, &settings.log, place)?;
+        let lattice = mapper.config().lattice.clone();
+        let mut touches = touches.for_arm(&robot.arm, &settings.log, lattice)?;
         let mut samples = Vec::new();
         let record = Some(&mut samples);
         learn(&mut mapper, &mut touches, &mut |_, _, _| (), record, progress)?;

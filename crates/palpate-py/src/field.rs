@@ -424,8 +424,7 @@ fn beside(
     settings.robot.arm.clone_from(&robot.settings.arm);
     touches.prepare_torques(&robot.arm, &mut settings, IfUndecided::LeaveOpen, progress)?;
     let touch = settings.torque_convention_for_field(&field.touch)?;
-    let place = (field.lattice.clone(), field.contact.clone());
-    Ok((touches.for_arm(&robot.arm, &settings.log, place)?, touch))
+    Ok((touches.for_arm(&robot.arm, &settings.log, field.lattice.clone())?, touch))
 }
 
 /// Motions from arrays, named by their index.

@@ -268,8 +268,8 @@ impl Mapper {
             let arm = mapper.arm().clone();
             touches.angle_unit(&arm, &mut given, progress)?;
             touches.prepare_torques(&arm, &mut given, IfUndecided::LeaveOpen, progress)?;
-            let place = (mapper.config().lattice.clone(), mapper.config().contact.clone());
-            let mut touches = touches.for_arm(&mapper.arm().clone(), settings, place)?;
+            let lattice = mapper.config().lattice.clone();
+            let mut touches = touches.for_arm(&mapper.arm().clone(), settings, lattice)?;
             let tally = learn::learn(mapper, &mut touches, &mut |_, _, _| (), None, progress)?;
             Ok(tally.figures(mapper))
         })?;

@@ -221,7 +221,7 @@ pub fn quickly_tuned(
 ) -> Result<TunedSettings, WorkError> {
     config.estimator(arm.robot.n_joints()).map_err(SettingsError::value)?;
     let place = (config.lattice.clone(), config.contact.clone());
-    let mut touches = touches.for_arm(arm, &settings.log, place.clone())?;
+    let mut touches = touches.for_arm(arm, &settings.log, config.lattice.clone())?;
     let (mut recorded, mut found, mut is_all) = (Vec::new(), 0, true);
     let tuned = first_of(&mut touches, &mut recorded).and_then(|all| {
         found = recorded.len();

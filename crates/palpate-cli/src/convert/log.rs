@@ -64,7 +64,7 @@ pub(super) fn convert(
     if settings.log.pauses().is_some() {
         let arm = arm_of(&mut touches)?;
         let config = settings.config()?;
-        touches = touches.for_arm(&arm, &settings.log, (config.lattice, config.contact))?;
+        touches = touches.for_arm(&arm, &settings.log, config.lattice)?;
     }
     // Arrays have no joint names: their columns are in the robot's order.
     let (is_arrays, is_of_robot) =

@@ -111,6 +111,6 @@ pub(crate) fn open_beside(
     let (touches, arm) = logs::open(logs, settings, logs::IfUndecided::LeaveOpen, output)?;
     robot::warn_of_other_robot((&saved.robot, saved.snapshot.as_ref()), &arm, output);
     let touch = settings.torque_convention_for_field(&saved.field.touch)?;
-    let place = (saved.field.lattice.clone(), saved.field.contact.clone());
-    Ok((touches.for_arm(&arm, &settings.log, place)?, arm, touch))
+    let lattice = saved.field.lattice.clone();
+    Ok((touches.for_arm(&arm, &settings.log, lattice)?, arm, touch))
 }

@@ -111,7 +111,7 @@ impl Stage<'_> {
     fn play(&self, touches: Touches, to: To) -> Result<(String, Option<Played>), CliError> {
         let (follower, place) = self.follower()?;
         let lattice = place.0.clone();
-        let touches = touches.for_arm(self.arm, &self.settings.log, place)?;
+        let touches = touches.for_arm(self.arm, &self.settings.log, lattice.clone())?;
         let mut player = Player::new(follower, touches)?;
         let hulls = Hulls::of(self.arm);
         let mut scene = self.scene(&hulls, &lattice);

@@ -1,10 +1,11 @@
 //! `--split-idle`: splits a log into touches where the arm pauses without contact.
 //!
 //! [`PauseDetector`] finds the pauses. The number of contacts that it needs comes from a simulation of its own, with
-//! the arm and the workspace box; it counts as zero if the torques show that the arm carries no load (`load`). Samples
-//! at rest are held back until it is known to which touch they belong, so that each is in one touch only. A touch of
-//! the log may be split into several, but is never joined with another. Samples of a motion before the first standstill
-//! have no tare and are left out, with a warning.
+//! the arm, the workspace box and the default contact model, so that all commands split a log alike, whatever contact
+//! distance they choose; it counts as zero if the torques show that the arm carries no load (`load`). Samples at rest
+//! are held back until it is known to which touch they belong, so that each is in one touch only. A touch of the log
+//! may be split into several, but is never joined with another. Samples of a motion before the first standstill have
+//! no tare and are left out, with a warning.
 
 mod load;
 
@@ -44,7 +45,7 @@ impl Pauses {
     /// If a setting is out of its range.
     pub(crate) fn new(
         arm: &Arc<Arm>,
-        (lattice, contact): (Lattice, ContactConfig),
+        lattice: Lattice,
         config: PauseConfig,
     ) -> Result<Self, SettingsError> {
         let still_rad = config.still_rad;
@@ -52,7 +53,7 @@ impl Pauses {
         // Only contacts are needed: nothing is subtracted from the torques, so that no tare can be missing.
         let mut touch = ExternalTorqueConfig::default();
         (touch.gravity, touch.tare) = (Gravity::Removed, Tare::None);
-        let tracker = Tracker::new(Arc::clone(arm), lattice, &contact, touch)
+        let tracker = Tracker::new(Arc::clone(arm), lattice, &ContactConfig::default(), touch)
             .map_err(SettingsError::value)?;
         let (name, queue, load) = (String::new(), VecDeque::new(), Load::default());
         Ok(Self { tracker, split, load, still_rad, name, parts: 0, queue, left_out: 0 })

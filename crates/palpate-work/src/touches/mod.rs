@@ -108,17 +108,17 @@ impl Touches {
     }
 
     /// The touches for an arm: joints in its order, without whole turns that sensors add, and split at pauses if the
-    /// settings say so. `place` is the lattice and contact model for contacts at pauses.
+    /// settings say so. `lattice` is the one whose points count as contacts at pauses.
     pub fn for_arm(
         mut self,
         arm: &Arc<Arm>,
         settings: &LogSettings,
-        place: (Lattice, ContactConfig),
+        lattice: Lattice,
     ) -> Result<Self, WorkError> {
         self.reorder_to(arm);
         self.arm = Some(arm.clone());
         let parted = settings.pauses();
-        self.pauses = parted.map(|config| Pauses::new(arm, place, config)).transpose()?;
+        self.pauses = parted.map(|config| Pauses::new(arm, lattice, config)).transpose()?;
         self.checked.1 = settings.strict.unwrap_or_default();
         Ok(self)
     }
@@ -261,7 +261,7 @@ impl Touches {
         progress: &dyn Progress,
     ) -> Result<Vec<RecordedTouch>, WorkError> {
         let config = settings.config()?;
-        let mut touches = self.for_arm(arm, &settings.log, (config.lattice, config.contact))?;
+        let mut touches = self.for_arm(arm, &settings.log, config.lattice)?;
         let recorded = touches.read(None)?;
         touches.report_warnings(progress);
         Ok(recorded)
@@ -281,7 +281,7 @@ impl Touches {
     ) -> Result<Vec<RecordedTouch>, WorkError> {
         let config = settings.config()?;
         let place = (config.lattice, config.contact);
-        let mut touches = self.for_arm(arm, &settings.log, place.clone())?;
+        let mut touches = self.for_arm(arm, &settings.log, place.0.clone())?;
         let recorded = touches.read(most)?;
         touches.report_warnings(progress);
         touches.check(arm, place, &config.touch).of(&recorded).check(progress)?;
@@ -422,10 +422,9 @@ mod tests {
         let samples = vec![sample(7), sample(7), sample(6)];
         let touch = RecordedTouch { name: "push".to_owned(), samples, ..RecordedTouch::default() };
         let config = Settings::default().config().unwrap();
-        let place = (config.lattice, config.contact);
         let settings = LogSettings { split_idle: Some(true), ..LogSettings::default() };
         let touches = Touches::in_memory("day.csv", vec![touch]);
-        let mut touches = touches.for_arm(&arm, &settings, place).unwrap();
+        let mut touches = touches.for_arm(&arm, &settings, config.lattice).unwrap();
         let error = touches.advance().err().unwrap().to_string();
         assert!(error.starts_with("`day.csv`: touch `push`, sample 2 (from 0): "), "{error}");
     }

@@ -157,9 +157,9 @@ impl LogInspector<'_> {
             return Ok(Some(facts));
         }
         if settings.pauses().is_some() {
-            let place = (self.config.lattice.clone(), self.config.contact.clone());
+            let lattice = self.config.lattice.clone();
             let whole = Touches::in_memory(&log.log().to_string_lossy(), touches);
-            touches = self.read(&mut whole.for_arm(self.arm, settings, place)?);
+            touches = self.read(&mut whole.for_arm(self.arm, settings, lattice)?);
         }
         if !touches.is_empty() {
             let external = log.describe().torques == LoggedTorques::External;
