@@ -395,6 +395,9 @@ fn a_frozen_sensor_is_reported_and_is_an_error_if_strict() {
     let found = only(&touches, &[], "frozen_torque");
     says(&found, &["`Actuator7`", "1 of 3 touches: seq_1"]);
     assert_eq!(look(&touches, &["--strict"]).0, Some(1));
+    touches.iter_mut().flat_map(|touch| &mut touch.tau).for_each(|tau| tau.fill(0.0));
+    let found = first(&look(&touches, &[]).1).clone();
+    says(&found, &["frozen_torque", "of no joint", "Actuator1", "Actuator7"]);
 }
 
 #[test]

@@ -6,8 +6,9 @@ mod recording;
 
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
-use common::{Scene, URDF, succeed};
+use common::{Scene, URDF, holds, succeed};
 use palpate_io::field::{SavedField, load, save};
 use recording::{codes, first, found, inspect, run};
 use serde_json::Value;
@@ -87,15 +88,25 @@ fn a_robot_that_cannot_be_used_is_an_error_and_its_tree_is_reported() {
     found(look(r#"<child link="upper"/>"#, r#"<child link="fore"/>"#), 1, &["robot"]);
 }
 
-/// A field of the tiny arm, and the same after a change.
+/// A field of the tiny arm, after a change.
 fn look_at_field(change: impl FnOnce(&mut SavedField)) -> (Option<i32>, Value) {
+    look_at_field_with(change, |_, command| command)
+}
+
+/// The same, with other flags.
+fn look_at_field_with(
+    change: impl FnOnce(&mut SavedField),
+    flags: impl Fn(&Scene, Command) -> Command,
+) -> (Option<i32>, Value) {
     let scene = Scene::new();
     succeed(&mut scene.map(&["log"], &[]));
     let path = scene.path("out/field.npz");
     let mut saved = load(&path).unwrap();
     change(&mut saved);
     save(&path, &saved).unwrap();
-    run(inspect().arg(&path))
+    let mut command = inspect();
+    command.arg(&path);
+    run(&mut flags(&scene, command))
 }
 
 #[test]
@@ -108,6 +119,22 @@ fn what_a_field_holds_is_reported() {
     assert!(field["cells"].as_u64().unwrap() > 10 && field["total_n_per_m"].as_f64() > Some(0.0));
     let (_, report) = look_at_field(|saved| saved.snapshot = None);
     assert!(report["paths"][0]["own"]["memory"].is_null(), "{report}");
+}
+
+#[test]
+fn a_field_of_another_robot_than_the_given_one_is_reported() {
+    let with = |robot: &'static str| {
+        move |scene: &Scene, mut command: Command| {
+            match robot {
+                "tiny" => command.args(scene.settings()),
+                other => command.args(["--robot", other]),
+            };
+            command
+        }
+    };
+    found(look_at_field_with(|_| {}, with("tiny")), 0, &[]);
+    let report = found(look_at_field_with(|_| {}, with("kinova_gen3")), 0, &["other_robot"]);
+    holds(&first(&report).to_string(), &["`tiny`", "`kinova_gen3`"]);
 }
 
 #[test]

@@ -5,7 +5,7 @@ mod common;
 
 use std::fs;
 
-use common::{Scene, json, npy, palpate, printed, refuse, succeed};
+use common::{Scene, holds, json, npy, palpate, printed, refuse, succeed};
 use palpate_io::field::{SavedField, load};
 use serde_json::Value;
 
@@ -43,6 +43,20 @@ fn predict_prints_the_keys_that_programs_rely_on() {
     assert_eq!(report["overall"]["frames"], sum);
     let learnt = &touches[0];
     assert!(learnt["avg_error"].as_f64() < learnt["zero"]["avg_error"].as_f64(), "{learnt}");
+    let are_learnt = |row: &Value| row["learnt"].as_bool();
+    assert_eq!(
+        [&touches[0], &touches[1], &report["overall"]].map(are_learnt),
+        [true, false, true].map(Some)
+    );
+}
+
+#[test]
+fn predicting_a_learnt_touch_warns() {
+    let scene = Scene::new();
+    succeed(&mut scene.map(&["log/seq_0"], &[]));
+    let said = |log: &str| printed(&mut scene.predict(&[log], &[])).1;
+    holds(&said("log"), &["warning: ", "has learned these touches", ": `seq_0` (#0 seq_0)"]);
+    assert!(!said("log/seq_1").contains("has learned"));
 }
 
 #[test]

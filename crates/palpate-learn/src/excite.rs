@@ -225,7 +225,7 @@ impl<'a> Search<'a> {
             let lowest = search.lowest(&poses.world_from_link);
             return wrong(format!(
                 "at the start the arm reaches down to {lowest:.3} m; wanted above {ground_m} m; give another \
-                 start, or another height of the ground"
+                 start (--start) or another height of the ground (--ground-m)"
             ));
         }
         Ok(search)

@@ -296,7 +296,8 @@ impl Field {
         let against = if truth { ReferenceTorque::Truth } else { ReferenceTorque::Measured };
         let results = long(py, progress, |progress| -> Result<_, WorkError> {
             let (mut touches, touch) = beside((&field, &robot), (sources, settings), progress)?;
-            let results = score(&robot.arm, &field, touch, against, (&mut touches, progress))?;
+            let learnt = (&field, self.snapshot.as_ref());
+            let results = score(&robot.arm, learnt, touch, against, (&mut touches, progress))?;
             report_oddities(&results, &field, progress);
             Ok(results)
         })?;

@@ -331,8 +331,8 @@ impl fmt::Display for Undecided {
                 } else if IN_THOUSANDTHS.contains(&slope.abs()) {
                     "are they in mN·m? wanted N·m"
                 } else {
-                    "a unit, the robot, a payload or the order of the joints may be wrong, or these may be motor \
-                     currents, not torques"
+                    "a unit, the robot, a payload or the order of the joints may be wrong, the torque of a joint may \
+                     be missing, or these may be motor currents, not torques"
                 }
             ),
         }

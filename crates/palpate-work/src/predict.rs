@@ -4,13 +4,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use nalgebra::DVector;
-use palpate::{Arm, ExternalTorqueConfig, Field, Predictor, Sample};
+use palpate::unstable::LoggedTouch;
+use palpate::{Arm, ExternalTorqueConfig, Field, Predictor, Sample, Snapshot};
 use palpate_io::log::external_truth;
 use palpate_learn::bands::Band;
 use palpate_learn::calibrate::PredictedFrame;
 use palpate_learn::torque_errors::ErrorSum;
 
 use crate::error::WorkError;
+use crate::forget;
 use crate::inspect::log::LogCheck;
 use crate::progress::Progress;
 use crate::settings::SettingsError;
@@ -75,6 +77,8 @@ pub struct TouchResult {
     pub name: String,
     /// The log with the touch.
     pub log: PathBuf,
+    /// The learnt touch of the field with the same samples, by number and name, if there is one.
+    pub learnt_as: Option<String>,
     /// Number of frames in the log.
     pub frames_in_log: u64,
     /// The scored frames: all after the tare.
@@ -88,7 +92,8 @@ impl TouchResult {
             ReferenceTorque::Measured => None,
             ReferenceTorque::Truth => Some(truth(log, &name)?),
         };
-        Ok(Self { name, log: log.to_owned(), frames_in_log: 0, frames: Vec::new(), truth })
+        let (log, frames) = (log.to_owned(), Vec::new());
+        Ok(Self { name, log, learnt_as: None, frames_in_log: 0, frames, truth })
     }
 
     /// The torque with which a frame is compared: the true one, or `measured` if the truth is not asked for.
@@ -137,21 +142,61 @@ impl TouchResult {
     }
 }
 
-/// Predicts all touches; `touch` is the convention of the logged torques.
+/// Finds the learnt touch of a field that has the same samples as the touch that is predicted.
+struct SameSamples<'a> {
+    n_joints: usize,
+    learnt: &'a [LoggedTouch],
+    /// The learnt touches that agree with all samples so far, and the number of these samples.
+    alike: Vec<&'a LoggedTouch>,
+    samples: usize,
+}
+
+impl<'a> SameSamples<'a> {
+    fn of(snapshot: Option<&'a Snapshot>) -> Self {
+        let (n_joints, learnt) =
+            snapshot.map_or((0, &[][..]), |snapshot| (snapshot.n_joints, &snapshot.sample_log[..]));
+        Self { n_joints, learnt, alike: Vec::new(), samples: 0 }
+    }
+
+    fn begin(&mut self) {
+        (self.alike, self.samples) = (self.learnt.iter().collect(), 0);
+    }
+
+    fn add(&mut self, sample: &Sample) {
+        let row = self.samples * self.n_joints..(self.samples + 1) * self.n_joints;
+        // The touch may go on after the samples that were learnt.
+        let agrees =
+            |logged: &[f64], own: &[f64]| logged.get(row.clone()).is_none_or(|row| row == own);
+        self.alike.retain(|touch| agrees(&touch.q, &sample.q) && agrees(&touch.tau, &sample.tau));
+        self.samples += 1;
+    }
+
+    /// The touch that was found, by number and name.
+    fn found(&self) -> Option<String> {
+        let is_whole = |touch: &&&LoggedTouch| {
+            !touch.q.is_empty() && touch.q.len() <= self.samples * self.n_joints
+        };
+        self.alike.iter().find(is_whole).map(|touch| forget::name(touch))
+    }
+}
+
+/// Predicts all touches; `touch` is the convention of the logged torques. With the `snapshot` of the field, touches that
+/// it has learnt are recognised ([`TouchResult::learnt_as`]).
 ///
 /// # Errors
 ///
 /// If a log is broken, a sample cannot be used, the truth is asked for and missing, or the progress stops it.
 pub fn score(
     arm: &Arc<Arm>,
-    field: &Field,
+    (field, snapshot): (&Field, Option<&Snapshot>),
     touch: ExternalTorqueConfig,
     against: ReferenceTorque,
     (touches, progress): (&mut Touches, &dyn Progress),
 ) -> Result<Vec<TouchResult>, WorkError> {
     let place = (field.lattice.clone(), field.contact.clone());
     let mut check = touches.check(arm, place, &touch);
-    match score_all(arm, (field, touch, against), (&mut *touches, &mut check), progress) {
+    let same = SameSamples::of(snapshot);
+    match score_all(arm, (field, touch, against), (&mut *touches, &mut check, same), progress) {
         Ok(results) => {
             touches.report_warnings(progress);
             check.check(progress)?;
@@ -167,7 +212,7 @@ pub fn score(
 fn score_all(
     arm: &Arc<Arm>,
     (field, touch, against): (&Field, ExternalTorqueConfig, ReferenceTorque),
-    (touches, check): (&mut Touches, &mut LogCheck),
+    (touches, check, mut same): (&mut Touches, &mut LogCheck, SameSamples<'_>),
     progress: &dyn Progress,
 ) -> Result<Vec<TouchResult>, WorkError> {
     let mut predictor =
@@ -181,7 +226,8 @@ fn score_all(
         }
         match event {
             TouchEvent::Touch(name) => {
-                end(&mut predictor, results.last())?;
+                end(&mut predictor, &same, results.last_mut())?;
+                same.begin();
                 check.begin(&name, touches, progress)?;
                 predictor.begin_touch();
                 bar.at(&name);
@@ -190,6 +236,7 @@ fn score_all(
             TouchEvent::Sample(sample) => {
                 let result = results.last_mut().expect("samples come after a touch's start");
                 let frame = result.frames_in_log;
+                same.add(&sample);
                 let step = predictor.step(&sample).map_err(|error| touches.fault(error))?;
                 check.add(&sample, step.as_ref().map_or(0, |step| step.contacts));
                 result.frames_in_log += 1;
@@ -209,7 +256,7 @@ fn score_all(
             }
         }
     }
-    end(&mut predictor, results.last())?;
+    end(&mut predictor, &same, results.last_mut())?;
     Ok(results)
 }
 
@@ -252,8 +299,13 @@ pub fn planned(
 }
 
 /// Ends the touch that was begun last, if any was.
-fn end(predictor: &mut Predictor, last: Option<&TouchResult>) -> Result<(), WorkError> {
+fn end(
+    predictor: &mut Predictor,
+    same: &SameSamples<'_>,
+    last: Option<&mut TouchResult>,
+) -> Result<(), WorkError> {
     let Some(result) = last else { return Ok(()) };
+    result.learnt_as = same.found();
     let place = || format!("touch `{}`", result.name);
     predictor.end_touch().map_err(|error| WorkError::touch(&result.log, place(), error))
 }

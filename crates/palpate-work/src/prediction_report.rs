@@ -7,6 +7,7 @@ use palpate_learn::bands::{Band, Coverage};
 use palpate_learn::torque_errors::{ErrorSum, TorqueErrors};
 use serde::Serialize;
 
+use crate::forget::listed;
 use crate::predict::{FrameResult, ReferenceTorque, TouchResult};
 use crate::progress::Progress;
 
@@ -33,6 +34,8 @@ pub struct TouchErrors {
     /// The log with the touch; `None` for all touches.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub log: Option<PathBuf>,
+    /// Whether the field has learnt these samples; of all touches, whether it has learnt any of them.
+    pub learnt: bool,
     /// Number of scored frames.
     pub frames: u64,
     /// Number of frames in the log.
@@ -85,6 +88,7 @@ impl TouchErrors {
         Self {
             name: one.map(|touch| touch.name.clone()),
             log: one.map(|touch| touch.log.clone()),
+            learnt: touches.iter().any(|touch| touch.learnt_as.is_some()),
             frames: field.frames(),
             frames_in_log,
             tare_frames: frames_in_log - field.frames(),
@@ -123,6 +127,7 @@ pub fn report_oddities(results: &[TouchResult], field: &Field, progress: &dyn Pr
         );
         return;
     }
+    warn_of_learnt(results, progress);
     for touch in results {
         let sum = touch.errors();
         let worse = |(field, zero): (TorqueErrors, TorqueErrors)| field.avg_error > zero.avg_error;
@@ -138,5 +143,20 @@ pub fn report_oddities(results: &[TouchResult], field: &Field, progress: &dyn Pr
             continue;
         };
         progress.warn(&format!("touch `{}`{odd}", touch.name));
+    }
+}
+
+/// Warns of touches that the field has learnt: their errors are smaller than those of new touches.
+fn warn_of_learnt(results: &[TouchResult], progress: &dyn Progress) {
+    let learnt = |touch: &TouchResult| {
+        let learnt_as = touch.learnt_as.as_ref()?;
+        Some(format!("`{}` ({learnt_as})", touch.name))
+    };
+    let learnt: Vec<String> = results.iter().filter_map(learnt).collect();
+    if !learnt.is_empty() {
+        progress.warn(&format!(
+            "the field has learned these touches, so their errors do not show how well it predicts new ones: {}",
+            listed(&learnt)
+        ));
     }
 }

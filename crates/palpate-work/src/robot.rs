@@ -39,30 +39,33 @@ pub fn load_with_report(settings: &RobotSettings) -> Result<LoadedArm, WorkError
     Ok(loaded)
 }
 
-/// Warns if a field was learnt with another arm, which is allowed. Arms are compared by fingerprint if the field has a
-/// snapshot, else by name.
-pub fn warn_of_other_robot(
+/// Warns if a field was learnt with another arm, which is allowed.
+pub fn warn_of_other_robot(field: (&str, Option<&Snapshot>), arm: &Arm, progress: &dyn Progress) {
+    if let Some(which) = other_robot(field, arm, "the one of this log") {
+        progress.warn(&format!("the field was learnt with {which}; {OF_FIELD}"));
+    }
+}
+
+/// The remedy for [`other_robot`].
+pub(crate) const OF_FIELD: &str =
+    "give the robot of the field with --robot, --payload-link and --bake-spacing-m";
+
+/// In what the arm of a field, by name and snapshot, differs from `arm`, which is `given`; `None` if it is the same.
+/// Arms are compared by fingerprint if the field has a snapshot, else by name.
+pub(crate) fn other_robot(
     (name, snapshot): (&str, Option<&Snapshot>),
     arm: &Arm,
-    progress: &dyn Progress,
-) {
+    given: &str,
+) -> Option<String> {
+    let own = arm.robot.name();
     let is_own = match snapshot {
         Some(snapshot) => snapshot.robot.1 == arm.fingerprint(),
-        None => name == arm.robot.name(),
+        None => name == own,
     };
-    if !is_own {
-        let own = arm.robot.name();
-        let which = match name == own {
-            true => format!(
-                "`{name}` with other joints, masses or shapes than those of the robot of this log"
-            ),
-            false => format!("another robot (`{name}`) than the one of this log (`{own}`)"),
-        };
-        progress.warn(&format!(
-            "the field was learnt with {which}; give the robot of the field with --robot, --payload-link and \
-             --bake-spacing-m"
-        ));
-    }
+    (!is_own).then(|| match name == own {
+        true => format!("`{name}` with other joints, masses or shapes than {given}"),
+        false => format!("another robot (`{name}`) than {given} (`{own}`)"),
+    })
 }
 
 impl RobotSettings {

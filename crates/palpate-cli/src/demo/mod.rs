@@ -103,7 +103,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     }
     let saved = learn_body(&mapper, &picture.bodies, samples, output)?;
     let (held_out, touch) = (&mut open(&[held_out])?, saved.field.touch.clone());
-    let results = score(&arm, &saved.field, touch, ReferenceTorque::Measured, (held_out, output))?;
+    let learnt = (&saved.field, saved.snapshot.as_ref());
+    let results = score(&arm, learnt, touch, ReferenceTorque::Measured, (held_out, output))?;
     fill(&folder.path, &saved, &results)?;
     report_oddities(&results, &saved.field, output);
     let report = PredictionReport::new(&results, (&saved.field, ReferenceTorque::Measured));

@@ -86,6 +86,19 @@ pub(super) fn lattice(lattice: &LatticeFacts) -> String {
     )
 }
 
+/// The value of a setting.
+fn setting(value: &Value) -> String {
+    match value {
+        Value::String(word) => word.clone(),
+        Value::Number(exact) => match exact.as_f64() {
+            Some(of_measure) if exact.is_f64() => number(of_measure),
+            _ => exact.to_string(),
+        },
+        Value::Array(all) => all.iter().map(setting).collect::<Vec<_>>().join(" "),
+        other => other.to_string(),
+    }
+}
+
 /// Settings as `key value, …`; nested ones as `key.key`.
 fn settings(settings: &impl Serialize) -> String {
     fn walk(prefix: &str, value: &Value) -> Vec<String> {
@@ -97,8 +110,7 @@ fn settings(settings: &impl Serialize) -> String {
                     .flat_map(|(key, value)| walk(&format!("{prefix}{dot}{key}"), value))
                     .collect()
             }
-            Value::String(word) => vec![format!("{prefix} {word}")],
-            other => vec![format!("{prefix} {other}")],
+            value => vec![format!("{prefix} {}", setting(value))],
         }
     }
     walk("", &serde_json::to_value(settings).unwrap_or_default()).join(", ")

@@ -81,7 +81,9 @@ fn sizes(log: &LogFacts) -> String {
 }
 
 fn clock_text(log: &LogFacts) -> String {
-    let Some(clock) = &log.clock else { return "none: rate and gaps are unknown".to_owned() };
+    let Some(clock) = &log.clock else {
+        return "none that advances: rate and gaps are unknown".to_owned();
+    };
     format!(
         "{} s in all; {} Hz (a frame every {} ms, 90 % of them within ± {} ms)",
         number(clock.duration_s),

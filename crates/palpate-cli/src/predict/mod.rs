@@ -88,7 +88,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let saved = field::load(&args.field).map_err(CliError::file)?;
     let (mut touches, arm, touch) = open_beside(&saved, &args.logs, &mut settings, output)?;
     let against = if args.truth { ReferenceTorque::Truth } else { ReferenceTorque::Measured };
-    let results = score(&arm, &saved.field, touch, against, (&mut touches, output))?;
+    let learnt = (&saved.field, saved.snapshot.as_ref());
+    let results = score(&arm, learnt, touch, against, (&mut touches, output))?;
 
     if let (Some(path), Some(format)) = (&args.output, export) {
         format.write(path, &results, &saved.field)?;

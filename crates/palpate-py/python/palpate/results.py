@@ -66,6 +66,8 @@ class ScoredFrames(Beside):
     relative_frames: int
     frames_in_contact: int
     frames_on_known: int
+    learnt: bool
+    """Whether the field has learnt these samples, or any of them: then the errors are not those of new touches."""
 
 
 class ScoredTouch(ScoredFrames):

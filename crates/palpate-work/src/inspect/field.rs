@@ -1,9 +1,10 @@
 //! Content of a field: cells, stiffness with standard deviations, and whether it can be continued.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use palpate::{
-    ContactConfig, EstimatorConfig, EstimatorKind, ExternalTorqueConfig, Lattice, Snapshot,
+    Arm, ContactConfig, EstimatorConfig, EstimatorKind, ExternalTorqueConfig, Lattice, Snapshot,
 };
 use palpate_io::field::npz::read_npz;
 use palpate_io::field::{self, FieldFile, SavedError, SavedField};
@@ -12,7 +13,10 @@ use serde::Serialize;
 use super::finding::Finding;
 use super::words::{counted, number};
 use crate::forget;
+use crate::held_joints::of_field;
+use crate::progress::Progress;
 use crate::quantile::{bounds, quantile};
+use crate::robot::{OF_FIELD, other_robot};
 use crate::settings::corners;
 
 /// Cells below this share of the largest stiffness count as zero.
@@ -100,12 +104,21 @@ pub struct MemoryFacts {
     pub logged_samples: usize,
 }
 
-/// Inspects a field.
-pub fn inspect(path: &Path) -> (Option<FieldFacts>, Vec<Finding>) {
+/// Inspects a field; with an `arm`, also whether it was learnt with this one.
+pub fn inspect(
+    path: &Path,
+    (arm, progress): (Option<Arc<Arm>>, &dyn Progress),
+) -> (Option<FieldFacts>, Vec<Finding>) {
     match field::load(path) {
         Ok(saved) => {
             let facts = FieldFacts::of_saved(path, &saved);
-            let findings = facts.findings();
+            let mut findings = facts.findings();
+            let learnt = (&*saved.robot, saved.snapshot.as_ref());
+            let arm = arm.map(|arm| of_field(arm, learnt.1, progress));
+            if let Some(which) = arm.and_then(|arm| other_robot(learnt, &arm, "the given one")) {
+                let what = format!("the field was learnt with {which}");
+                findings.push(Finding::warning("other_robot", what, OF_FIELD));
+            }
             (Some(facts), findings)
         }
         Err(SavedError::Foreign { missing, .. }) => foreign(path, missing),

@@ -91,7 +91,11 @@ impl<'a> Inspector<'a> {
         let (kind, holds, mut findings) = match recognise::recognise(path) {
             Err(finding) => (Kind::Unknown, None, vec![*finding]),
             Ok(Kind::Field) => {
-                let (facts, findings) = field::inspect(path);
+                let arm = match self.settings.robot.robot {
+                    Some(_) => Some(self.arm()?),
+                    None => None,
+                };
+                let (facts, findings) = field::inspect(path, (arm, self.progress));
                 (Kind::Field, facts.map(|facts| FileKind::Field(Box::new(facts))), findings)
             }
             Ok(Kind::Robot) => {
@@ -115,12 +119,16 @@ impl<'a> Inspector<'a> {
             Some(field) => resume::config(field, &as_measured)?,
             None => as_measured.config()?,
         };
-        let settings = &self.settings;
+        let arm = self.arm()?;
+        let touches = Touches::open(&[path.to_owned()], &self.settings.log.options());
+        log::inspect(touches, (self.settings, &config), (&arm, self.progress))
+    }
+
+    /// The robot of the settings.
+    fn arm(&mut self) -> Result<Arc<Arm>, WorkError> {
         if self.arm.is_none() {
-            self.arm = Some(robots::load(&settings.robot, self.progress)?);
+            self.arm = Some(robots::load(&self.settings.robot, self.progress)?);
         }
-        let arm = self.arm.as_ref().expect("it was just loaded");
-        let touches = Touches::open(&[path.to_owned()], &settings.log.options());
-        log::inspect(touches, (settings, &config), (arm, self.progress))
+        Ok(Arc::clone(self.arm.as_ref().expect("it was just loaded")))
     }
 }

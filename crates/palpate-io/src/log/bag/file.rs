@@ -97,7 +97,7 @@ pub(super) fn format(path: &Path) -> Result<LogFormat, LogError> {
 pub(super) fn topics(path: &Path, format: LogFormat) -> Result<Vec<Topic>, BagError> {
     let topics = match format {
         #[cfg(feature = "formats")]
-        LogFormat::Rosbag2Sqlite => sqlite::topics(path).map_err(|error| error.to_string()),
+        LogFormat::Rosbag2Sqlite => sqlite::topics(path).map_err(|error| sqlite::in_words(&error)),
         _ => mcap::topics(path),
     };
     topics.map_err(|reason| {
@@ -112,7 +112,7 @@ pub(super) fn messages(path: &Path, wanted: [Option<String>; 2]) -> Result<Messa
     let messages = match format(path)? {
         #[cfg(feature = "formats")]
         LogFormat::Rosbag2Sqlite => {
-            sqlite::messages(path, &wanted).map_err(|error| error.to_string())
+            sqlite::messages(path, &wanted).map_err(|error| sqlite::in_words(&error))
         }
         _ => mcap::messages(path, wanted),
     };

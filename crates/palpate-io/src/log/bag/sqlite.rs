@@ -33,6 +33,17 @@ fn open(path: &Path) -> Result<Connection> {
     Ok(database)
 }
 
+/// Describes an error, as the end of a message to the user.
+pub(super) fn in_words(error: &rusqlite::Error) -> String {
+    match error.sqlite_error_code() {
+        Some(ErrorCode::DatabaseCorrupt) => format!(
+            "{error} (was the recording, or a copy of it, cut short?); copy it again, or save what is left with \
+             `sqlite3 BAG.db3 .recover | sqlite3 SAVED.db3`"
+        ),
+        _ => error.to_string(),
+    }
+}
+
 /// Starts the time limit of the next query.
 fn start_clock(database: &mut Connection) -> Result<()> {
     let started = Instant::now();
@@ -93,7 +104,7 @@ pub(super) fn messages(path: &Path, wanted: &[Option<String>; 2]) -> Result<Mess
     let wanted = [numbers(&wanted[0])?, numbers(&wanted[1])?];
     let (page, after) = (VecDeque::new(), (i64::MIN, i64::MIN));
     let pages = Pages { database, wanted, page, after, over: false };
-    Ok(Box::new(pages.map(|message| message.map_err(|error| error.to_string()))))
+    Ok(Box::new(pages.map(|message| message.map_err(|error| in_words(&error)))))
 }
 
 /// Messages of a file, read page by page.

@@ -199,7 +199,7 @@ fn misfit(fits: &ConventionFits, heavier: Option<&(ConventionFit, Payload)>) -> 
     );
     let Some((fit, payload)) = heavier else {
         let remedy = "look for a wrong robot (--robot), a payload that is not in its URDF \
-                      (--payload-link, --payload-mass-kg), another order of the joints, or \
+                      (--payload-link, --payload-mass-kg), another order of the joints, a torque that was not recorded, or \
                       another unit (--angle-unit deg)";
         return Finding::warning("gravity_misfit", what, remedy);
     };

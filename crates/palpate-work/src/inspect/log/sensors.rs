@@ -48,6 +48,7 @@ pub(super) fn findings(
         .filter(|touch| touch.frames() > 0 && touch.n_joints() == joints.len())
         .collect();
     let mut findings = Vec::new();
+    let all_frozen = all_frozen(&touches, joints);
     for (joint, name) in joints.iter().enumerate() {
         let effort = robot.and_then(|robot| robot.joints()[joint].effort);
         let saturated = effort.and_then(|effort| saturated(&touches, (joint, name), effort));
@@ -55,10 +56,25 @@ pub(super) fn findings(
             findings.extend(cut_off(&touches, (joint, name)));
         }
         findings.extend(saturated);
-        findings.extend(frozen(&touches, (joint, name)));
+        if all_frozen.is_none() {
+            findings.extend(frozen(&touches, (joint, name)));
+        }
         findings.extend(stuck(&touches, (joint, name)));
     }
+    findings.extend(all_frozen);
     findings
+}
+
+/// One finding in place of one for each joint, if no torque changes in any touch.
+fn all_frozen(touches: &[&RecordedTouch], joints: &[String]) -> Option<Finding> {
+    let all = |touch: &&RecordedTouch| (0..joints.len()).all(|joint| is_frozen(touch, joint));
+    (!touches.is_empty() && touches.iter().all(all)).then(|| {
+        let names: Vec<&str> = joints.iter().map(String::as_str).collect();
+        let what = "the torque of no joint ever changes";
+        let remedy = "the torques were not recorded, or the robot does not report them; check the driver and the \
+                      topic or columns of the torques";
+        Finding::warning("frozen_torque", what, remedy).at(&names)
+    })
 }
 
 /// Torques that never change in a touch although the arm moves.
