@@ -132,7 +132,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             }
         }
     }
-    if args.json { output.json(&found) } else { output.result(&text(&found)) }
+    if args.json { output.json(&found) } else { output.result(&text(&found, candidates.len())) }
 }
 
 /// Writes a motion as a table: times, if it has them, and joint positions.
@@ -148,8 +148,8 @@ fn write(path: &Path, motion: &RecordedTouch, arm: &Arm) -> Result<(), CliError>
     file_paths::write(path, &csv::text(std::iter::once(head).chain(rows)))
 }
 
-/// The proposals as text.
-fn text(found: &Proposals) -> String {
+/// The proposals as text; `candidates` is the number of all motions.
+fn text(found: &Proposals, candidates: usize) -> String {
     if found.proposals.is_empty() {
         return format!("No motion can be proposed.\n{}", left_out(found));
     }
@@ -171,8 +171,18 @@ fn text(found: &Proposals) -> String {
         "Motions ranked by what they would teach, each given the ones above it. Left: remaining variance of the task.\n\
          Unknown: share of its touched cells that the field does not know. Torques: the largest at a joint.\n\n{}{}",
         table(&header, rows.collect::<Vec<_>>()),
-        left_out(found)
+        not_shown(found, candidates) + &left_out(found)
     )
+}
+
+/// How many motions could be proposed, but are not among the first `--count`.
+fn not_shown(found: &Proposals, candidates: usize) -> String {
+    let left_out =
+        found.beyond_limit.len() + found.beyond_joint_limits.len() + found.touch_nothing.len();
+    match candidates.saturating_sub(found.proposals.len() + left_out) {
+        0 => String::new(),
+        more => format!("\n{more} of {candidates} motions are not shown (--count).\n"),
+    }
 }
 
 /// Motions that are not proposed, and why.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use palpate::unstable::Downsampling;
 use palpate::{Arm, Calibration, EstimatorKind, MapperConfig, Sample};
 use palpate_learn::calibrate::calibrate;
+use palpate_learn::torque_errors::RELATIVE_FROM_N_M;
 use palpate_learn::tracked::{TouchSamples, TrackedTouches, largest_torques};
 use palpate_learn::tune::{FixedSettings, Search, SearchBudget, Trial, Tuned, Tuner};
 use serde_json::json;
@@ -21,9 +22,6 @@ const QUICK_LEARNT: usize = 20_000;
 /// Most touches, and most samples, that are read to pick those touches from.
 const MAX_TOUCHES: usize = 200;
 const MAX_SAMPLES: usize = 500_000;
-/// Touches whose torque stays below this, N·m, are used only if there are too few others. Frames below it have no
-/// relative error.
-const WEAK_N_M: f64 = 1.0;
 
 /// Fewest touches from which settings can be chosen.
 pub(crate) const MIN_TUNING_TOUCHES: usize = 3;
@@ -312,11 +310,12 @@ fn pick(
     Ok(kept.len() == strongest.len().min(QUICK_TOUCHES))
 }
 
-/// Indices of touches, given the largest torque of each, N·m, in descending order: those above [`WEAK_N_M`], or above 0
-/// if these are fewer than [`MIN_TUNING_TOUCHES`].
+/// Indices of touches, given the largest torque of each, N·m, in descending order: those above [`RELATIVE_FROM_N_M`],
+/// or above 0 if these are fewer than [`MIN_TUNING_TOUCHES`].
 fn strongest_first(torques: &[f64]) -> Vec<usize> {
     let above = |least: f64| (0..torques.len()).filter(move |place| torques[*place] > least);
-    let least = if above(WEAK_N_M).count() < MIN_TUNING_TOUCHES { 0.0 } else { WEAK_N_M };
+    let least =
+        if above(RELATIVE_FROM_N_M).count() < MIN_TUNING_TOUCHES { 0.0 } else { RELATIVE_FROM_N_M };
     let mut places: Vec<usize> = above(least).collect();
     places.sort_by(|a, b| torques[*b].total_cmp(&torques[*a]));
     places

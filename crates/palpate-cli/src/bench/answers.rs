@@ -10,21 +10,20 @@ use std::time::Instant;
 
 use nalgebra::DVector;
 use palpate::{CLUSTER_WEIGHT, Mapper, PathConfig, PathError, PathPoint, PathPrediction, Robot};
+use palpate_learn::torque_errors::RELATIVE_FROM_N_M;
 use palpate_work::Progress;
+use palpate_work::quantile::{extremes, median};
 use palpate_work::touches::RecordedTouch;
 use serde::{Serialize, Serializer};
 
 use super::recording::{cut_short, milliseconds};
 use crate::error::CliError;
 use crate::output::Output;
-use palpate_work::quantile::{extremes, median};
 
 /// Number of points of a path.
 const POINTS: usize = 200;
 /// Number of coarse answers about each path.
 const TIMES: usize = 9;
-/// Smallest torque whose relative error is counted, N·m over all joints.
-const LARGE_N_M: f64 = 1.0;
 
 /// Times and errors of the answers about the paths of some touches.
 #[derive(Debug, Clone, Serialize)]
@@ -53,7 +52,7 @@ struct Asked {
     #[serde(serialize_with = "extent")]
     exact_ms: Vec<f64>,
     /// Relative error of a coarse answer: mean over the points of the path with a torque of at
-    /// least [`LARGE_N_M`].
+    /// least [`RELATIVE_FROM_N_M`].
     #[serde(serialize_with = "extent")]
     torque_off: Vec<f64>,
     /// The same for [`PathPoint::torque_std`].
@@ -164,14 +163,14 @@ impl Asked {
 }
 
 /// Mean relative error of a coarse answer over the points whose exact torque is at least
-/// [`LARGE_N_M`]; `None` if there is no such point.
+/// [`RELATIVE_FROM_N_M`]; `None` if there is no such point.
 fn off_by(
     coarse: &PathPrediction,
     exact: &PathPrediction,
     of: fn(&PathPoint) -> &DVector<f64>,
 ) -> Option<f64> {
     let points = coarse.points.iter().zip(&exact.points);
-    let large = points.filter(|(_, exact)| exact.torque.norm() >= LARGE_N_M);
+    let large = points.filter(|(_, exact)| exact.torque.norm() >= RELATIVE_FROM_N_M);
     let off: Vec<f64> =
         large.map(|(coarse, exact)| (of(coarse) - of(exact)).norm() / of(exact).norm()).collect();
     (!off.is_empty()).then(|| off.iter().sum::<f64>() / off.len() as f64)
@@ -219,7 +218,7 @@ impl Answers {
             "Predictions along paths of {} points: {} whole touches with contact, and their {} \
              pushes,\n{} times each, with copying the springs; exact ones once. Median over paths, \
              and in brackets the\nsmallest and the largest; errors are relative to the exact \
-             prediction, where its torque is at least {LARGE_N_M} N·m.",
+             prediction, where its torque is at least {RELATIVE_FROM_N_M} N·m.",
             self.points, self.whole.paths, self.push.paths, self.times
         )
     }

@@ -2,15 +2,13 @@
 
 use palpate::unstable::{Joint, JointKind};
 use palpate::{Gravity, MIN_TARE_FRAMES, Robot, Tare};
+use palpate_learn::torque_errors::RELATIVE_FROM_N_M;
 
 use super::super::finding::Finding;
 use super::super::words::{counted, listed, number};
 use super::figures::{NO_NOISE, TouchFacts};
 use super::reading::ConventionFits;
 use crate::quantile::median;
-
-/// A touch whose external torque stays below this teaches little, N·m over all joints.
-const WEAK: f64 = 1.0;
 
 /// Figures of touches, and what is needed to judge them.
 pub(super) struct JudgedFigures<'a> {
@@ -211,11 +209,12 @@ impl JudgedFigures<'_> {
     }
 
     fn weak(&self) -> Option<Finding> {
-        let what = format!("the external torque stays below {WEAK} N·m in");
+        let what = format!("the external torque stays below {RELATIVE_FROM_N_M} N·m in");
         let remedy = "the arm hardly touches anything; from this the field learns where there is no object, \
                       but not how stiff the object is; push farther";
-        let shows =
-            |touch: &TouchFacts| touch.start_frames < touch.frames && touch.peak_external < WEAK;
+        let shows = |touch: &TouchFacts| {
+            touch.start_frames < touch.frames && touch.peak_external < RELATIVE_FROM_N_M
+        };
         self.shown(shows, ("weak_touch", &what, remedy)).map(Finding::noted)
     }
 
