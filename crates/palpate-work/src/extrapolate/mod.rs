@@ -170,9 +170,12 @@ impl ExtrapolationJob<'_> {
         let cells = match held_out.filter(|found| !found.helps()) {
             None => extrapolation.cells(&seen, &self.saved.field.lattice, &config),
             Some(found) => {
-                if self.fills {
-                    progress.warn(&found.to_string());
-                }
+                let so = if self.fills {
+                    "so the field gets no extrapolated stiffness (give --method to add it in any case)"
+                } else {
+                    "so even the order of the stiffness in the cloud may be wrong"
+                };
+                progress.warn(&format!("{found}; {so}"));
                 Vec::new()
             }
         };
