@@ -83,11 +83,12 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let recorded = touches.read_for(&arm, &settings, output)?;
     let strict = settings.log.strict.unwrap_or_default();
     let wanted = IdentifySettings { tool_link: args.tool_link.clone(), currents, strict };
-    let found = identify::run(&arm, &recorded, &settings.config()?.touch, &wanted, output)?;
+    let torques = settings.config()?.touch;
+    let found = identify::run(&arm, &recorded, &torques, &wanted, output)?;
 
     let text = text(&found);
     if let Some(path) = &args.output {
-        file_paths::write(path, &arm_file::text(&arm.robot, &found.model, &text))?;
+        file_paths::write(path, &arm_file::text(&arm.robot, &found.model, &torques, &text))?;
     }
     if let Some(path) = &args.urdf {
         file_paths::write(path, &urdf_of(&settings, &arm.robot, &found)?)?;

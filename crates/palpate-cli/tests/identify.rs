@@ -14,16 +14,22 @@ use common::{
 };
 use palpate::unstable::FrictionState;
 use palpate::{Payload, Robot, Sample};
+use serde_json::Value;
 
 const RATE_HZ: f64 = 50.0;
 const FRAMES: usize = 500;
 
+/// The Gen3 with 1 kg on its last link.
+fn loaded() -> Robot {
+    let robot = Robot::built_in("kinova_gen3").unwrap();
+    let link = robot.links()[robot.bodies().last().unwrap().index()].name.clone();
+    robot.with_payload(&Payload::new(link, 1.0, [0.0, 0.02, -0.1])).unwrap()
+}
+
 /// Writes a log of free motion of the Gen3 with 1 kg on its last link, 0.4 N·m of Coulomb friction and 0.2 N·m of
 /// bias, in three touches; for `pushed`, 3 N·m act on all joints in a second of the last one.
 fn write_logs(folder: &Path, pushed: bool) {
-    let robot = Robot::built_in("kinova_gen3").unwrap();
-    let link = robot.links()[robot.bodies().last().unwrap().index()].name.clone();
-    let robot = robot.with_payload(&Payload::new(link, 1.0, [0.0, 0.02, -0.1])).unwrap();
+    let robot = loaded();
     let n = robot.n_joints();
     for touch in 0..3 {
         let mut samples: Vec<Sample> = Vec::new();
@@ -57,12 +63,13 @@ fn write_logs(folder: &Path, pushed: bool) {
     }
 }
 
-/// Writes the log as Universal Robots' RTDE does: separated by spaces, with motor currents; 1 A is `n_m` N·m.
-fn write_currents(folder: &Path, log: &Path, n_m: f64) {
+/// Writes the log as Universal Robots' RTDE does: separated by spaces, with motor currents in columns `name`; 1 A is
+/// `n_m` N·m.
+fn write_currents(folder: &Path, log: &Path, (name, n_m): (&str, f64)) {
     fs::create_dir(folder).unwrap();
     for touch in 0..3 {
         let mut text = "timestamp".to_owned();
-        for what in ["actual_q", "actual_current"] {
+        for what in ["actual_q", name] {
             (0..7).for_each(|j| text += &format!(" {what}_{j}"));
         }
         let samples = samples(&log.join(format!("seq_{touch}")));
@@ -110,7 +117,7 @@ fn currents_of_a_ur_get_gains_and_are_refused_without_them() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     write_logs(&path("free"), false);
-    write_currents(&path("currents"), &path("free"), 12.5);
+    write_currents(&path("currents"), &path("free"), ("actual_current", 12.5));
     let mut identify = identify(&path("currents"));
     identify.args(["--json", "--payload-link", "Bracelet_Link"]);
     identify.args(["--payload-mass-kg", "1", "--payload-com-m", "0,0.02,-0.1"]);
@@ -133,6 +140,56 @@ fn currents_of_a_ur_get_gains_and_are_refused_without_them() {
     let report = json(palpate().args(["inspect", "--json"]).arg(path("currents")));
     let findings = report["paths"][0]["findings"].as_array().unwrap();
     assert_eq!((findings.len(), &findings[0]["code"]), (1, &"currents".into()));
+}
+
+#[test]
+fn currents_that_are_logged_as_efforts_are_recognised_by_gravity() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write_logs(&path("free"), false);
+    write_currents(&path("efforts"), &path("free"), ("effort", 12.5));
+    let mut identify = identify(&path("efforts"));
+    identify.args(["--payload-link", "Bracelet_Link", "--payload-mass-kg", "1"]);
+    identify.args(["--payload-com-m", "0,0.02,-0.1", "--json", "-o"]).arg(path("arm.toml"));
+    let (found, said) = printed(&mut identify);
+    holds(&said, &["/efforts`: the torques are assumed to be motor currents", "(minus)"]);
+    let found: Value = serde_json::from_str(&found).unwrap();
+    for joint in &found["joints"].as_array().unwrap()[1..6] {
+        assert!((joint["gain"]["value"].as_f64().unwrap() * 12.5 - 1.0).abs() < 0.05, "{joint}");
+    }
+    succeed(torque(&path("efforts"), &path("arm.toml")).args(["--json", "--strict"]));
+    for (command, output) in [("torque", "none.csv"), ("map", "none.npz")] {
+        refuse(
+            palpate().arg(command).arg(path("efforts")).arg("-o").arg(path(output)),
+            2,
+            &["seem to be motor currents", "palpate identify"],
+        );
+    }
+    let report = json(palpate().args(["inspect", "--json"]).arg(path("efforts")));
+    let codes = report["paths"][0]["findings"].as_array().unwrap();
+    assert!(codes.iter().any(|finding| finding["code"] == "currents"), "{report}");
+    assert!(codes.iter().all(|finding| finding["code"] != "gravity"), "{report}");
+}
+
+#[test]
+fn torques_without_gravity_are_read_with_the_sign_of_the_identified_arm() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write_identified(folder.path());
+    // Friction with the other sign does work on the arm, as a person does who leads it.
+    let robot = loaded();
+    let led = |sample: &mut Sample| {
+        let gravity = robot.gravity_torque(&robot.forward(&sample.q).unwrap());
+        sample.tau.iter_mut().zip(&gravity).for_each(|(tau, gravity)| *tau = gravity - *tau);
+    };
+    write_changed(&path("free"), &path("led"), led);
+    let (_, said) = printed(torque(&path("led"), &path("arm.toml")).arg("--json"));
+    holds(
+        &said,
+        &["as those from which the arm was identified (--arm): sign plus, gravity removed"],
+    );
+    let (_, said) = printed(palpate().args(["torque", "--json"]).arg(path("led")));
+    holds(&said, &["their sign is minus", "if a person or another machine moved the arm"]);
 }
 
 #[test]

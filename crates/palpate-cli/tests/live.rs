@@ -21,7 +21,7 @@ use common::{
     interrupt, json, names, palpate, plant, refuse, samples, signal, succeed, wait_until,
 };
 use dds::{Domain, Live, Playing, robot};
-use palpate::{Robot, TorqueModel};
+use palpate::{ExternalTorqueConfig, Robot, TorqueModel};
 use palpate_io::field::load;
 use palpate_work::arm_file;
 use serde_json::Value;
@@ -84,13 +84,17 @@ fn needs_cyclonedds_an_identified_arm_publishes_how_sure_its_torques_are_with_a_
     let folder = tempfile::tempdir().unwrap();
     let (path, robot_of_file) = (folder.path().join("arm.toml"), "kinova_gen3");
     let model = TorqueModel::of_urdf(&Robot::built_in(robot_of_file).unwrap());
-    let text = arm_file::text(&Robot::built_in(robot_of_file).unwrap(), &model, "");
+    let text = arm_file::text(
+        &Robot::built_in(robot_of_file).unwrap(),
+        &model,
+        &ExternalTorqueConfig::default(),
+        "",
+    );
     fs::write(&path, text).unwrap();
     let arm = ["--arm", path.to_str().unwrap()];
-    let count = ["--torque-sign", "plus", "--gravity", "included"];
     for (more, is_mapped) in [(&[][..], true), (&["--no-map"], false)] {
         let domain = Domain::take();
-        let mut live = Live::start(&domain, &[&arm, &count[..], more].concat());
+        let mut live = Live::start(&domain, &[&arm, more].concat());
         let arguments = ["--rate", "100", "--seconds", "6", "--until-received", "--identified"];
         let robot = json(&mut robot(&domain, &arguments));
         live.wait_for_figures("all samples", |figures| figures["mapped"] == robot["sent"]);
@@ -103,7 +107,7 @@ fn needs_cyclonedds_an_identified_arm_publishes_how_sure_its_torques_are_with_a_
         let touches = lines.any(|line| line["contacts"].as_u64() > Some(0));
         assert_eq!(touches, is_mapped, "{}", live.lines());
     }
-    refuse(palpate().args(["live", "--localhost"]).args(arm), 2, &["--torque-sign", "--gravity"]);
+    refuse(palpate().args(["live", "--localhost", "--no-map"]), 2, &["--torque-sign", "--gravity"]);
     let arguments = ["live", "--guard", "5", "--localhost", "--arm", arm[1]];
     refuse(palpate().args(arguments), 2, &["leave out --guard"]);
 }

@@ -45,18 +45,19 @@ pub(crate) fn identify<'py>(
     let mut settings = settings::read(settings, sections)?;
     let robot = robot::given(py, robot, &settings.robot)?;
     let sources = sources(log)?;
-    let found = long(py, progress, |progress| -> Result<_, WorkError> {
+    let (found, torques) = long(py, progress, |progress| -> Result<_, WorkError> {
         let mut touches = opened(sources, &settings.log)?;
         if currents {
             touches.treat_as_currents();
         }
-        let (currents, strict) = (touches.are_currents(), settings.log.strict.unwrap_or_default());
+        let (recorded, currents) = read(touches, (&robot, &mut settings), None, progress)?;
+        let strict = settings.log.strict.unwrap_or_default();
         let wanted = IdentifySettings { tool_link, currents, strict };
-        let recorded = read(touches, (&robot, &mut settings), None, progress)?;
         let torques = settings.config()?.touch;
-        identification::run(&robot.arm, &recorded, &torques, &wanted, progress)
+        let found = identification::run(&robot.arm, &recorded, &torques, &wanted, progress)?;
+        Ok((found, torques))
     })?;
-    let text = arm_file::text(&robot.arm.robot, &found.model, "");
+    let text = arm_file::text(&robot.arm.robot, &found.model, &torques, "");
     let mut json = identification::json(&found);
     json["text"] = json!(text);
     Ok(python(py, &json)?)
@@ -95,7 +96,7 @@ pub(crate) fn external_torques<'py>(
         let (threshold, from) = torque::threshold(&of_model, None, false_alarms_per_hour)?;
         let model = Some((model, differentiation));
         let touches = opened(sources, &settings.log)?;
-        let recorded = read(touches, (&robot, &mut settings), model, progress)?;
+        let (recorded, _) = read(touches, (&robot, &mut settings), model, progress)?;
         let how = TorqueSettings {
             bandwidth_hz,
             tare_frames: settings.touch.first_frames(),
@@ -127,14 +128,15 @@ pub(crate) fn external_torques<'py>(
 }
 
 /// Reads all touches of logs, with joints in the robot's order. With a model, torques are external torques; without,
-/// motor torques or currents.
+/// motor torques or currents; also returns whether they are currents.
 fn read(
     mut touches: Touches,
     (robot, settings): (&Robot, &mut Settings),
     model: Option<(TorqueModel, Differentiation)>,
     progress: &dyn Progress,
-) -> Result<Vec<RecordedTouch>, WorkError> {
+) -> Result<(Vec<RecordedTouch>, bool), WorkError> {
     touches.angle_unit(&robot.arm, settings, progress)?;
     touches.decide_convention(&robot.arm, model, settings, progress)?;
-    touches.read_for(&robot.arm, settings, progress)
+    let currents = touches.are_currents();
+    Ok((touches.read_for(&robot.arm, settings, progress)?, currents))
 }

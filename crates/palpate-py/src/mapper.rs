@@ -63,8 +63,10 @@ pub(crate) struct StepReport {
 }
 
 impl Mapper {
-    fn of(mapper: palpate::Mapper, robot: Robot, settings: Settings) -> Result<Self> {
+    fn of(mapper: palpate::Mapper, robot: Robot, mut settings: Settings) -> Result<Self> {
         let in_touch = false;
+        settings.robot.arm.clone_from(&robot.settings.arm);
+        arm_file::complete_convention(&mut settings, &robot.arm.robot)?;
         let stream = match arm_file::of(&robot.settings, &robot.arm.robot)? {
             Some(model) => {
                 let torques = settings.touch.over_config(&ExternalTorqueConfig::default());

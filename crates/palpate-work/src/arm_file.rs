@@ -1,17 +1,21 @@
 //! The file of an identified arm, `arm.toml`: what `palpate identify` writes and other commands read with `--arm`.
 //!
-//! Its keys are `version`, `robot` and the fields of [`TorqueModel`]; other results of the identification are comments.
+//! Its keys are `version`, `robot`, `torque_sign` and `gravity` of the torques from which the arm was identified, and the
+//! fields of [`TorqueModel`]; other results of the identification are comments.
 
 use std::io::ErrorKind;
 use std::path::Path;
 
-use palpate::{Robot, TorqueModel};
+use palpate::{ExternalTorqueConfig, Robot, TorqueModel};
 use palpate_io::input;
 use serde::Deserialize;
 
+use crate::conventions::KnownConvention;
 use crate::error::WorkError;
+use crate::inspect::word;
 use crate::progress::Progress;
 use crate::settings::sections::RobotSettings;
+use crate::settings::{OrAuto, Settings};
 
 /// Largest size of the file, bytes.
 const LARGEST: u64 = 1 << 20;
@@ -19,13 +23,21 @@ const LARGEST: u64 = 1 << 20;
 /// Version of the format.
 const VERSION: i64 = 2;
 
-/// The text of the file, with remarks as comments at the top.
-pub fn text(robot: &Robot, model: &TorqueModel, remarks: &str) -> String {
+/// The text of the file, with remarks as comments at the top; `torques` is the convention of the torques from which the
+/// arm was identified.
+pub fn text(
+    robot: &Robot,
+    model: &TorqueModel,
+    torques: &ExternalTorqueConfig,
+    remarks: &str,
+) -> String {
     let remarks = remarks.lines().map(|line| format!("# {line}").trim_end().to_owned() + "\n");
     let remarks: String = remarks.collect();
     let mut head = toml::Table::new();
     head.insert("version".to_owned(), VERSION.into());
     head.insert("robot".to_owned(), robot.name().into());
+    head.insert("torque_sign".to_owned(), word(torques.torque_sign).into());
+    head.insert("gravity".to_owned(), word(torques.gravity).into());
     let model = toml::to_string(model).expect("a model has numbers and names");
     format!("{remarks}\n{head}\n{model}")
 }
@@ -36,7 +48,39 @@ pub fn text(robot: &Robot, model: &TorqueModel, remarks: &str) -> String {
 ///
 /// If the file cannot be read, is not such a file, or belongs to another robot.
 pub fn of(settings: &RobotSettings, robot: &Robot) -> Result<Option<TorqueModel>, WorkError> {
-    settings.arm.as_deref().map(|path| read(path, robot)).transpose()
+    Ok(settings.arm.as_deref().map(|path| read(path, robot)).transpose()?.map(|(model, _)| model))
+}
+
+/// The convention of the torques from which the arm was identified that the settings name; empty if they name none, or
+/// the file does not say.
+///
+/// # Errors
+///
+/// As [`of`].
+pub(crate) fn convention(
+    settings: &RobotSettings,
+    robot: &Robot,
+) -> Result<KnownConvention, WorkError> {
+    let found = settings.arm.as_deref().map(|path| read(path, robot)).transpose()?;
+    Ok(found.map_or_else(KnownConvention::default, |(_, convention)| convention))
+}
+
+/// Takes sign and gravity of the torques from the file of the identified arm, where the settings leave them open: for a
+/// running robot, whose torques cannot be read ahead.
+///
+/// # Errors
+///
+/// As [`of`].
+pub fn complete_convention(settings: &mut Settings, robot: &Robot) -> Result<(), WorkError> {
+    let found = convention(&settings.robot, robot)?;
+    let touch = &mut settings.touch;
+    if let Some(sign) = found.torque_sign.filter(|_| touch.torque_sign_given().is_none()) {
+        touch.torque_sign = Some(OrAuto::Is(sign));
+    }
+    if let Some(gravity) = found.gravity.filter(|_| touch.gravity_given().is_none()) {
+        touch.gravity = Some(OrAuto::Is(gravity));
+    }
+    Ok(())
 }
 
 /// The model of the identified arm that the settings name; if they name none, the model of the URDF, with a note.
@@ -69,7 +113,7 @@ pub fn or_urdf(
 /// # Errors
 ///
 /// If it cannot be read, is not such a file, or belongs to another robot.
-fn read(path: &Path, robot: &Robot) -> Result<TorqueModel, WorkError> {
+fn read(path: &Path, robot: &Robot) -> Result<(TorqueModel, KnownConvention), WorkError> {
     let wrong = |what: &str| WorkError::Usage(format!("`{}`: {what}", path.display()));
     let text = input::read_text(path, LARGEST).map_err(|error| match error.kind() {
         ErrorKind::InvalidData => {
@@ -90,7 +134,12 @@ fn read(path: &Path, robot: &Robot) -> Result<TorqueModel, WorkError> {
         }
     }
     file.remove("robot");
+    let [sign, gravity] = ["torque_sign", "gravity"].map(|key| file.remove(key));
+    let convention = KnownConvention {
+        torque_sign: sign.map(toml::Value::try_into).transpose().map_err(broken)?,
+        gravity: gravity.map(toml::Value::try_into).transpose().map_err(broken)?,
+    };
     let model = TorqueModel::deserialize(file).map_err(broken)?;
     model.check(robot).map_err(|what| wrong(&what))?;
-    Ok(model)
+    Ok((model, convention))
 }

@@ -28,6 +28,8 @@ pub(crate) const NEAR_SLOPE: f64 = 0.3;
 /// larger than a small error of the robot's masses causes.
 const EXPLAINED: f64 = 0.7;
 const MIN_SLOPE: f64 = 0.05;
+/// Largest slope of motor currents on gravity: torque constants times gear ratios are above 2 N·m/A.
+const MAX_CURRENT_SLOPE: f64 = 0.5;
 /// Slopes on gravity of an arm that carries more than its file says; larger ones are due to another unit.
 const LADEN_SLOPES: std::ops::Range<f64> = 1.3..5.0;
 /// Slopes on gravity of torques in mN·m; the upper end is for a payload as heavy as the arm.
@@ -136,7 +138,12 @@ pub(crate) struct TorqueConvention {
 impl TorqueConvention {
     /// Whether gravity is large enough to show the convention, and there are torques.
     pub(crate) fn is_by_gravity(&self) -> bool {
-        self.evidence.gravity >= MIN_GRAVITY && !self.is_without_torque()
+        self.evidence.shows_gravity() && !self.is_without_torque()
+    }
+
+    /// Whether only the work of the torques can show their sign.
+    pub(crate) fn is_by_work(&self) -> bool {
+        self.gravity == Gravity::Removed || !self.evidence.shows_gravity()
     }
 
     /// Whether all torques are near zero.
@@ -201,9 +208,24 @@ impl ConventionEvidence {
     }
 
     /// Whether the torques at the starts of touches are proportional to gravity, as motor currents are and contact
-    /// torques are not.
+    /// torques are not, and follow it later as well.
     fn is_proportional(&self) -> bool {
-        self.explained_at_start > EXPLAINED && self.slope_at_start.abs() > MIN_SLOPE
+        self.explained_at_start > EXPLAINED
+            && self.slope_at_start.abs() > MIN_SLOPE
+            && self.slope.abs() > MIN_SLOPE
+            && self.slope * self.slope_at_start > 0.0
+    }
+
+    /// Whether gravity is large enough to show whether torques contain it.
+    pub(crate) fn shows_gravity(&self) -> bool {
+        self.gravity >= MIN_GRAVITY
+    }
+
+    /// Whether the torques follow gravity as motor currents do, which are much smaller.
+    pub(crate) fn is_like_currents(&self) -> bool {
+        self.is_proportional()
+            && self.slope.abs() < MAX_CURRENT_SLOPE
+            && self.negated_joints().is_none()
     }
 
     /// Whether the torques are proportional to gravity and larger, as with a payload that is not given or with too
@@ -275,7 +297,7 @@ impl fmt::Display for TorqueConvention {
         if self.is_without_torque() {
             return write!(f, "the torques are near zero throughout: were they recorded?");
         }
-        if self.gravity == Gravity::Included && self.evidence.gravity >= MIN_GRAVITY {
+        if self.gravity == Gravity::Included && self.evidence.shows_gravity() {
             let residual =
                 number(after_gravity[usize::from(self.torque_sign == TorqueSign::Minus)]);
             return write!(
@@ -330,6 +352,10 @@ impl fmt::Display for Undecided {
                      columns in the log, or give both --torque-sign and --gravity to read them as they are"
                 } else if IN_THOUSANDTHS.contains(&slope.abs()) {
                     "are they in mN·m? wanted N·m"
+                } else if of.is_like_currents() {
+                    "they seem to be motor currents: `palpate identify` finds the gains of the motors from free motion, \
+                     and --arm reads the file that it writes; if they are torques, give both --torque-sign and \
+                     --gravity"
                 } else {
                     "a unit, the robot, a payload or the order of the joints may be wrong, the torque of a joint may \
                      be missing, or these may be motor currents, not torques"

@@ -50,7 +50,7 @@ const EXAMPLES: &str = "Examples:
   palpate live --robot /robot_description -o field.npz
   palpate live -o field.npz --resume --guard 25
   palpate live --localhost --json-lines --duration 60
-  palpate live --robot fr3.urdf --torque-sign minus --gravity included --arm arm.toml --no-map
+  palpate live --robot fr3.urdf --arm arm.toml --no-map
   palpate live -o field.npz --viewer
   palpate live -o field.npz --ask palpate.sock --cloud object.ply
 
@@ -351,6 +351,8 @@ impl Args {
                     .to_owned(),
             ));
         }
+        let mut settings = settings.clone();
+        arm_file::complete_convention(&mut settings, &arm.robot)?;
         let torques = settings.torque_convention_for_robot()?;
         Ok(Some(Identified { model, torques }))
     }

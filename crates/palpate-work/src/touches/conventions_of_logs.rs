@@ -12,7 +12,7 @@ use super::{RecordedTouch, Touches, is_external, is_of_currents};
 use crate::conventions::{ConventionEvidence, KnownConvention, TorqueConvention, Undecided};
 use crate::error::WorkError;
 use crate::held_joints;
-use crate::inspect::{are_degrees, are_radians, is_misread};
+use crate::inspect::{are_degrees, are_radians, is_misread, word};
 use crate::progress::Progress;
 use crate::settings::sections::{RobotSettings, TouchSettings};
 use crate::settings::{OrAuto, Settings};
@@ -28,6 +28,9 @@ pub enum IfUndecided {
     Refuse,
     /// Go on, since a field has the convention.
     LeaveOpen,
+    /// The same error, but torques that follow gravity as motor currents do are taken for currents: the arm is to be
+    /// identified.
+    TakeForCurrents,
 }
 
 impl Touches {
@@ -166,7 +169,7 @@ impl Touches {
     }
 
     /// Completes the torque convention in the settings: from the type of message in the logs, else from the data, with
-    /// a note that says why.
+    /// a note that says why. `of_arm` is the convention of an identified arm, which counts where gravity shows none.
     ///
     /// # Errors
     ///
@@ -174,7 +177,7 @@ impl Touches {
     /// not decide the convention and that is to be refused.
     pub(crate) fn conventions(
         &mut self,
-        arm: &Arm,
+        (arm, of_arm): (&Arm, KnownConvention),
         settings: &mut TouchSettings,
         if_undecided: IfUndecided,
         progress: &dyn Progress,
@@ -204,6 +207,17 @@ impl Touches {
             Some(differ) => progress.warn(&differ),
             None => {}
         }
+        if let Some((torque_sign, gravity)) = convention_of_arm(decided, given, of_arm) {
+            progress.note(&format!(
+                "`{path}`: gravity does not show the sign of the torques, so they are read as those from which the \
+                 arm was identified (--arm): sign {}, gravity {}",
+                word(torque_sign),
+                word(gravity)
+            ));
+            settings.torque_sign = Some(OrAuto::Is(torque_sign));
+            settings.gravity = Some(OrAuto::Is(gravity));
+            return Ok(());
+        }
         match decided {
             Ok(found) => {
                 let by_work = evidence.sign_by_work().filter(|_| found.gravity == Gravity::Removed);
@@ -211,10 +225,23 @@ impl Touches {
                 if found.is_without_torque() {
                     progress.warn(&format!("`{path}`: {found}"));
                 } else if !is_contradicted {
-                    progress.note(&format!("`{path}`: {found}")); // else the check of the log warns
+                    // Else the check of the log warns.
+                    let unless_led = match torque_sign {
+                        None if found.is_by_work() => {
+                            "; if a person or another machine moved the arm, it is the other sign (--torque-sign)"
+                        }
+                        _ => "",
+                    };
+                    progress.note(&format!("`{path}`: {found}{unless_led}"));
                 }
                 settings.torque_sign = Some(OrAuto::Is(found.torque_sign));
                 settings.gravity = Some(OrAuto::Is(found.gravity));
+            }
+            Err(Undecided::NoFit(of))
+                if of.is_like_currents() && if_undecided == IfUndecided::TakeForCurrents =>
+            {
+                self.treat_as_currents();
+                return self.conventions_of_currents(settings, progress);
             }
             // The given part is wrong, and the check of the log warns of it.
             Err(_) if evidence.decide(KnownConvention::default()).is_ok() => {}
@@ -222,12 +249,14 @@ impl Touches {
                 let text = format!("`{path}`: {undecided}");
                 match (undecided, if_undecided) {
                     // Perhaps only the unit or the payload is wrong.
-                    (Undecided::NoFit(of), _) if of.negated_joints().is_none() => {
-                        progress.warn(&text)
+                    (Undecided::NoFit(of), _)
+                        if of.negated_joints().is_none() && !of.is_like_currents() =>
+                    {
+                        progress.warn(&text);
                     }
-                    (_, IfUndecided::Refuse) => return Err(WorkError::Usage(text)),
                     (Undecided::NoFit(_), IfUndecided::LeaveOpen) => progress.warn(&text),
                     (_, IfUndecided::LeaveOpen) => progress.note(&text),
+                    _ => return Err(WorkError::Usage(text)),
                 }
             }
         }
@@ -315,6 +344,24 @@ impl Touches {
             _ => {}
         }
         Ok(())
+    }
+}
+
+/// The convention of an identified arm, where the data show no other by gravity: of torques without gravity only the
+/// sign, since a person may have moved the arm, and then their work does not show it.
+fn convention_of_arm(
+    decided: Result<TorqueConvention, Undecided>,
+    given: KnownConvention,
+    of_arm: KnownConvention,
+) -> Option<(TorqueSign, Gravity)> {
+    let sign = given.torque_sign.or(of_arm.torque_sign)?;
+    let gravity = given.gravity.or(of_arm.gravity)?;
+    match decided {
+        Ok(found) if found.is_without_torque() || !found.is_by_work() => None,
+        Ok(found) if found.is_by_gravity() => Some((sign, found.gravity)),
+        Err(Undecided::Sign(of)) if of.shows_gravity() => Some((sign, Gravity::Removed)),
+        Err(Undecided::NoFit(_)) => None,
+        _ => Some((sign, gravity)),
     }
 }
 

@@ -10,6 +10,7 @@ use palpate_io::log::LogEvent;
 
 use super::{CURRENTS, IfUndecided, TouchEvent, Touches, bytes_of, is_of_currents};
 use crate::arm_file;
+use crate::conventions::KnownConvention;
 use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::settings::Settings;
@@ -41,13 +42,14 @@ impl Touches {
     ) -> Result<(), WorkError> {
         let Some(model) = arm_file::of(&settings.robot, &arm.robot)? else {
             self.refuse_currents()?;
+            let arm = (&**arm, KnownConvention::default());
             return self.conventions(arm, &mut settings.touch, if_undecided, progress);
         };
         self.decide_convention(arm, Some((model, Differentiation::Centred)), settings, progress)
     }
 
     /// Finds sign and gravity of the logged torques and writes them into the settings. With a model, the torques become
-    /// external torques; without, they stay as logged.
+    /// external torques; without, for an arm that is to be identified, they stay as logged.
     ///
     /// # Errors
     ///
@@ -62,7 +64,12 @@ impl Touches {
     ) -> Result<(), WorkError> {
         let known = model.as_ref().map(|(model, _)| model);
         self.currents |= known.is_some_and(TorqueModel::is_of_currents);
-        self.conventions(arm, &mut settings.touch, IfUndecided::Refuse, progress)?;
+        let of_arm = arm_file::convention(&settings.robot, &arm.robot)?;
+        let if_undecided = match known {
+            Some(_) => IfUndecided::Refuse,
+            None => IfUndecided::TakeForCurrents,
+        };
+        self.conventions((&**arm, of_arm), &mut settings.touch, if_undecided, progress)?;
         self.check_as_logged(arm, known, settings, progress)?;
         model.map_or(Ok(()), |(model, differentiation)| {
             self.use_arm_model(arm, model, differentiation, &settings.touch)

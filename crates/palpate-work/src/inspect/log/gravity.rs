@@ -8,7 +8,7 @@ use super::super::words::{listed, number, word};
 use super::joints::Matching;
 use super::payload;
 use super::reading::{self, ConventionFit, ConventionFits, LogInterpretation};
-use crate::conventions::{ConventionEvidence, KnownConvention};
+use crate::conventions::{ConventionEvidence, KnownConvention, TorqueConvention, Undecided};
 use crate::touches::RecordedTouch;
 
 /// Finds from gravity how the log is to be read, and puts the joints of the touches into the order
@@ -43,6 +43,8 @@ pub(super) fn judge(
         .or_else(|| evidence.and_then(|evidence| evidence.negated_joints()));
     if let Some(by_sign) = &by_sign {
         findings.push(opposite_signs(robot, by_sign));
+    } else if let Some((what, remedy)) = currents(decided) {
+        findings.push(Finding::warning("currents", what, remedy));
     } else if fits.contradict() {
         findings.push(wrong_convention(&fits));
     } else if fits.misfit() {
@@ -66,6 +68,19 @@ pub(super) fn judge(
         fits,
     };
     (reading, findings)
+}
+
+/// What to say if the torques follow gravity as motor currents do, and the remedy.
+fn currents(
+    decided: Option<Result<TorqueConvention, Undecided>>,
+) -> Option<(String, &'static str)> {
+    let Some(Err(Undecided::NoFit(of))) = decided else { return None };
+    let remedy = "find the gains of the motors with `palpate identify`, and give the file that it writes with --arm; if \
+                  they are torques, give both --torque-sign and --gravity; the figures of this report take them for \
+                  torques";
+    let what =
+        "the torques follow those of gravity, but are much smaller: they seem to be motor currents";
+    of.is_like_currents().then(|| (what.to_owned(), remedy))
 }
 
 /// A payload that explains the torques, and the convention under which it does.
@@ -99,7 +114,7 @@ fn wrong_convention(fits: &ConventionFits) -> Finding {
         [best.residual, set.residual, fits.gravity_torque].map(number);
     if fits.by_work {
         let what = "the torques have the opposite sign: with the given one they do more work on the arm than they take \
-                    from it, which only motors can do";
+                    from it, which only motors do, or a person who leads the arm";
         let flags = flags(set, best);
         let remedy = format!("use {}; the figures of this report do", flags.join(" "));
         return Finding::warning("torque_sign", what.to_owned(), remedy).try_flags(&flags);
