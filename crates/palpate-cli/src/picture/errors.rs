@@ -66,9 +66,11 @@ fn norms(a: &[Vec<f64>], b: &[Vec<f64>]) -> Vec<f64> {
     a.iter().zip(b).map(norm).collect()
 }
 
-/// Okabe and Ito's colours, which colour-blind readers can distinguish.
+/// Okabe and Ito's colours, which colour-blind readers can distinguish. Their yellow is hard to see on white: `elastic` is
+/// a brown that is lighter than the ink of the measured torque and darker than all others.
 pub(crate) fn colour(method: &str) -> RGBColor {
     match method {
+        "elastic" => RGBColor(128, 64, 16),
         "map" => RGBColor(0, 114, 178),
         "ekf" => RGBColor(86, 180, 233),
         "mlp" => RGBColor(213, 94, 0),
@@ -83,6 +85,7 @@ pub(crate) fn colour(method: &str) -> RGBColor {
 #[cfg(test)]
 mod tests {
     use palpate_learn::evaluation::MethodPrediction;
+    use palpate_learn::method::Method;
 
     use super::*;
 
@@ -106,6 +109,19 @@ mod tests {
     fn the_torque_is_its_own_error_of_predicting_zero() {
         assert_eq!(norms(&[vec![3.0, 4.0]], &[vec![]]), [5.0]);
         assert_eq!(norms(&[vec![3.0, 4.0]], &[vec![3.0, 3.0]]), [1.0]);
+    }
+
+    #[test]
+    fn every_method_has_its_own_colour() {
+        let channels = |RGBColor(red, green, blue)| [red, green, blue].map(i32::from);
+        let named = Method::ALL.map(|method| channels(colour(method.name())));
+        let all = [&named[..], &[channels(INK)]].concat();
+        for (index, a) in all.iter().enumerate() {
+            for b in &all[..index] {
+                let difference: i32 = a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum();
+                assert!(difference > 80, "{a:?} and {b:?}");
+            }
+        }
     }
 
     #[test]
