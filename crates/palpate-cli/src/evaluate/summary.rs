@@ -80,10 +80,13 @@ impl EvaluationSummary {
         text += &table(&head, self.evaluation.methods.iter().map(row));
         text.push('\n');
         for method in &self.evaluation.methods {
+            let of_others = method.coverage_of_other_objects.as_ref();
+            let is_of_others = of_others == method.coverage.as_ref();
             if let Some(coverage) = &method.coverage {
-                text += &bands(&format!("Bands of {}", method.name), coverage);
+                let from = if is_of_others { ", calibrated on other objects" } else { "" };
+                text += &bands(&format!("Bands of {}{from}", method.name), coverage);
             }
-            if let Some(others) = &method.coverage_of_other_objects {
+            if let Some(others) = of_others.filter(|_| !is_of_others) {
                 let _ = writeln!(
                     text,
                     "Bands calibrated on other objects would contain {:.0} % of the torques and {:.0} % of the \
