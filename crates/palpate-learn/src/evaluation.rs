@@ -159,6 +159,20 @@ impl Evaluation {
         Some(summary.avg_relative?.mean)
     }
 
+    /// Index of the method that summaries are about: the estimator with the smallest average relative error (without
+    /// relative errors, the smallest average error). Without an estimator, the first method.
+    pub fn subject(&self) -> Option<usize> {
+        let own = self.methods.iter().enumerate().filter(|(_, method)| method.is_estimator());
+        let smallest = |figure: fn(&MethodSummary) -> Option<MeanStd>| {
+            let own = own.clone().filter_map(|(at, method)| Some((at, figure(method)?.mean)));
+            Some(own.min_by(|a, b| a.1.total_cmp(&b.1))?.0)
+        };
+        smallest(|method| method.avg_relative)
+            .or_else(|| smallest(|method| method.avg_error))
+            .or_else(|| Some(own.clone().next()?.0))
+            .or_else(|| (!self.methods.is_empty()).then_some(0))
+    }
+
     /// The best baseline that learns from joint angles alone, and its average relative error.
     pub fn best_learnt(&self) -> Option<(&'static str, f64)> {
         let learnt = Method::ALL.iter().filter(|method| method.is_learnt_baseline());
@@ -169,6 +183,11 @@ impl Evaluation {
 }
 
 impl MethodSummary {
+    /// Whether the method is one of palpate's estimators, not a baseline.
+    pub fn is_estimator(&self) -> bool {
+        Method::ALL.iter().any(|own| own.is_estimator() && own.name() == self.name)
+    }
+
     /// The row of the method at `index` in the predictions of every touch.
     pub fn new(name: &str, index: usize, touches: &[HeldOutTouch]) -> Self {
         let own = || touches.iter().map(|touch| &touch.predictions[index]);
@@ -207,6 +226,29 @@ mod tests {
         assert_eq!(MeanStd::of([1.0, 2.0, 3.0]), Some(MeanStd { mean: 2.0, std: 1.0 }));
         assert_eq!(MeanStd::of([5.0]), Some(MeanStd { mean: 5.0, std: 0.0 }));
         assert_eq!(MeanStd::of([]), None);
+    }
+
+    #[test]
+    fn the_subject_is_the_estimator_with_the_smallest_relative_error() {
+        let evaluation = |rows: &[(&str, Option<f64>)]| {
+            let mean = |mean| MeanStd { mean, std: 0.1 };
+            let method = |&(name, relative): &(&str, Option<f64>)| MethodSummary {
+                avg_error: Some(mean(if name == "ekf" { 0.1 } else { 0.2 })),
+                avg_relative: relative.map(mean),
+                ..MethodSummary::of(name, &[], [&[], &[]])
+            };
+            let methods = rows.iter().map(method).collect();
+            let (joint_names, against, touches) = (Vec::new(), String::new(), Vec::new());
+            Evaluation { joint_names, against, methods, touches }
+        };
+        let subject = |rows: &[(&str, Option<f64>)]| evaluation(rows).subject();
+        let rows = [("elastic", Some(0.48)), ("map", Some(0.45)), ("gp", Some(0.3))];
+        assert_eq!(subject(&rows), Some(1));
+        assert_eq!(subject(&[("elastic", Some(0.4)), ("map", Some(0.45))]), Some(0));
+        assert_eq!(subject(&[("map", Some(0.5)), ("ekf", Some(0.5))]), Some(0), "equal errors");
+        assert_eq!(subject(&[("zero", None), ("map", None), ("ekf", None)]), Some(2), "N·m");
+        assert_eq!(subject(&[("gp", Some(0.3)), ("zero", Some(1.0))]), Some(0));
+        assert_eq!(subject(&[]), None);
     }
 
     #[test]

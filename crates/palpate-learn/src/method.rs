@@ -79,6 +79,11 @@ impl Method {
         cfg!(feature = "regression") || !matches!(self, Self::Mlp | Self::Gp)
     }
 
+    /// Whether the method is one of palpate's estimators, not a baseline.
+    pub(crate) fn is_estimator(self) -> bool {
+        matches!(self, Self::Elastic | Self::Map | Self::Ekf)
+    }
+
     /// Whether the method learns from joint angles alone, as the paper's baselines do.
     pub fn is_learnt_baseline(self) -> bool {
         matches!(self, Self::Mlp | Self::Gp | Self::Knn)

@@ -106,20 +106,29 @@ impl EvaluationSummary {
         text
     }
 
-    /// Error of `map` relative to the best baseline that learns from joint angles, here and in the paper.
+    /// Error of the estimator with the smallest one relative to the best baseline that learns from joint angles, here
+    /// and in the paper.
     fn ratio_to_baselines(&self) -> Option<String> {
         let (name, best) = self.evaluation.best_learnt()?;
-        let map = self.evaluation.relative("map")?;
+        let own = self.estimator()?;
+        let error = own.avg_relative?.mean;
         Some(format!(
-            "map's average relative error is {:.2} times that of {name}, the best that learns from \
+            "{}'s average relative error is {:.2} times that of {name}, the best that learns from \
              joint\nangles alone. In the paper, on a real arm: field {PAPER_FIELD:.2}, its three baselines {:.2}, \
              {:.2} and {:.2},\nso {:.2} times the best.",
-            map / best,
+            own.name,
+            error / best,
             PAPER_BASELINES[0],
             PAPER_BASELINES[1],
             PAPER_BASELINES[2],
             PAPER_FIELD / PAPER_BASELINES[0],
         ))
+    }
+
+    /// The method of the report's heading, if it is an estimator.
+    fn estimator(&self) -> Option<&MethodSummary> {
+        let own = &self.evaluation.methods[self.evaluation.subject()?];
+        own.is_estimator().then_some(own)
     }
 
     /// Notes unusual touches: not scored, without relative error or contact, or worse than zero.
@@ -142,15 +151,16 @@ impl EvaluationSummary {
             if touched(touch).frames_in_contact() == 0 {
                 output.note(&format!("touch `{name}` touches no point of the lattice"));
             }
-            if let (Some(map), Some(zero)) = (touch.errors("map"), touch.zero())
-                && map.avg_error > zero.avg_error
+            if let Some(method) = self.estimator().map(|own| &own.name)
+                && let (Some(own), Some(zero)) = (touch.errors(method), touch.zero())
+                && own.avg_error > zero.avg_error
             {
                 output.note(&format!(
-                    "touch `{name}`: map is worse than predicting zero, {:.3} against {:.3} N·m on \
-                     average: {}",
-                    map.avg_error,
+                    "touch `{name}`: {method} is worse than predicting zero, {:.3} against {:.3} N·m \
+                     on average: {}",
+                    own.avg_error,
                     zero.avg_error,
-                    touch.failure_reason("map").unwrap_or_default()
+                    touch.failure_reason(method).unwrap_or_default()
                 ));
             }
         }

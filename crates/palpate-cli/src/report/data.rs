@@ -12,7 +12,6 @@ use crate::picture::{colour, counted};
 use super::frames::{drawn, frames_per_touch, stride};
 use super::packed::PER_ONE;
 use super::scene::Scene;
-use super::table::subject;
 
 /// Torques are integers, in thousandths of N·m.
 const PER_TORQUE: f64 = 1e3;
@@ -66,7 +65,7 @@ impl<'a> Data<'a> {
             against: &evaluation.against,
             methods: evaluation.methods.iter().map(|method| method.name.as_str()).collect(),
             colours: evaluation.methods.iter().map(|method| hex(&method.name)).collect(),
-            subject: subject(evaluation).unwrap_or(0),
+            subject: evaluation.subject().unwrap_or(0),
             per_torque: PER_TORQUE,
             per_one: PER_ONE,
             level: coverage().map(|own| Some(own?.level)).collect(),

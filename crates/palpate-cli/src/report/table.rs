@@ -5,7 +5,6 @@ use std::fmt::Write;
 use palpate_learn::evaluation::{
     Evaluation, HeldOutTouch, MeanStd, MethodSummary, PAPER_BASELINES, PAPER_FIELD,
 };
-use palpate_learn::method::Method;
 
 /// A column of the table.
 type Figure = fn(&MethodSummary) -> Option<MeanStd>;
@@ -25,22 +24,9 @@ pub(super) fn gloss(method: &str) -> &'static str {
     }
 }
 
-/// The method that the report is about: `elastic` if it was evaluated, else `map`, else the first one.
-pub(super) fn subject(evaluation: &Evaluation) -> Option<usize> {
-    let named = |name| evaluation.methods.iter().position(|method| method.name == name);
-    named("elastic")
-        .or_else(|| named("map"))
-        .or_else(|| (!evaluation.methods.is_empty()).then_some(0))
-}
-
-fn is_learnt(method: &MethodSummary) -> bool {
-    let named = |other: &&Method| other.name() == method.name;
-    Method::ALL.iter().find(named).is_some_and(|method| method.is_learnt_baseline())
-}
-
 /// One line: the error of the report's method, and for comparison those of the best baseline and of zero.
 pub(super) fn verdict(evaluation: &Evaluation) -> String {
-    let Some(subject) = subject(evaluation).map(|index| &evaluation.methods[index]) else {
+    let Some(subject) = evaluation.subject().map(|index| &evaluation.methods[index]) else {
         return "No method was evaluated.".to_owned();
     };
     let Some(figure) = subject.avg_relative else {
@@ -103,8 +89,8 @@ pub(super) fn beside_the_paper(evaluation: &Evaluation) -> String {
          to the best of them.",
         field / baseline
     );
-    let own = subject(evaluation).map(|index| &evaluation.methods[index]);
-    let own = own.filter(|method| !is_learnt(method));
+    let own = evaluation.subject().map(|index| &evaluation.methods[index]);
+    let own = own.filter(|method| method.is_estimator());
     let ours = own.and_then(|own| Some((own, own.avg_relative?.mean, evaluation.best_learnt()?)));
     let ours = match ours {
         Some((own, error, (name, mean))) => format!(
@@ -122,7 +108,7 @@ pub(super) fn beside_the_paper(evaluation: &Evaluation) -> String {
 
 /// Remarks on touches without a score or relative error, and on those predicted worse than by zero.
 pub(super) fn remarks(evaluation: &Evaluation) -> Vec<String> {
-    let Some(subject) = subject(evaluation) else { return Vec::new() };
+    let Some(subject) = evaluation.subject() else { return Vec::new() };
     let method = &evaluation.methods[subject].name;
     let touches = &evaluation.touches;
     let of = |touch: &HeldOutTouch| touch.predictions[subject].errors;
@@ -184,6 +170,11 @@ mod tests {
              predicting zero 1.00"
         );
         assert!(beside_the_paper(&evaluation).contains("0.32&nbsp;/&nbsp;0.95 = <strong>0.34<"));
+        let better = MethodSummary { name: "ekf".into(), ..evaluation.methods[0].clone() };
+        evaluation.methods.push(MethodSummary { avg_relative: relative(0.3), ..better });
+        assert!(verdict(&evaluation).starts_with("ekf: average relative error 0.30 ± 0.09"));
+        assert!(beside_the_paper(&evaluation).contains("the ratio of ekf to gp"));
+        evaluation.methods.pop();
         evaluation.methods[0].avg_relative = None;
         assert!(verdict(&evaluation).contains("no touch reaches 1 N·m"));
     }
