@@ -158,9 +158,13 @@ fn torques_and_pictures_are_written_where_asked() {
     let rows = arrays.floats("seq_0/predicted", &[None, Some(2)]).unwrap().len() / 2;
     assert_eq!(text.lines().filter(|line| line.contains(",seq_0,")).count(), rows);
     assert!(arrays.get("seq_1#2/external").is_some(), "a second touch of the same name");
-    for picture in [field, torques] {
+    for picture in [&field, &torques] {
         assert!(fs::read_to_string(picture).unwrap().starts_with("<svg"));
     }
+    // The band of each of the two joints, in each of the two touches.
+    let drawn = fs::read_to_string(torques).unwrap();
+    assert!(drawn.contains("90 % band of a joint"));
+    assert_eq!(drawn.matches("<polygon opacity=\"0.2\"").count(), 4);
 }
 
 #[test]

@@ -282,7 +282,7 @@ impl Args {
 fn fill(folder: &Path, saved: &SavedField, results: &[TouchResult]) -> Result<(), CliError> {
     file_paths::write(
         &folder.join("torques.svg"),
-        &picture::torques(results, ReferenceTorque::Measured)?,
+        &picture::torques(results, (&saved.field, ReferenceTorque::Measured))?,
     )?;
     file_paths::write(&folder.join("field.svg"), &picture::field(&saved.field)?)?;
     field::save(&folder.join("field.npz"), saved).map_err(CliError::file)

@@ -58,7 +58,7 @@ pub(crate) struct Args {
     /// Output file of the predicted and measured torques of all frames
     #[arg(long, short, value_name = "FILE.csv|FILE.npz")]
     output: Option<PathBuf>,
-    /// Draw predicted and measured torques
+    /// Draw predicted and measured torques, with the bands of the joints
     #[arg(long, value_name = "FILE.svg|FILE.png")]
     picture: Option<PathBuf>,
     /// Print the errors as JSON
@@ -95,7 +95,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         format.write(path, &results, &saved.field)?;
     }
     if let (Some(path), Some(format)) = (&args.picture, picture) {
-        format.write(path, &picture::torques(&results, against)?)?;
+        format.write(path, &picture::torques(&results, (&saved.field, against))?)?;
     }
     let report = PredictionReport::new(&results, (&saved.field, against));
     report_oddities(&results, &saved.field, output);
