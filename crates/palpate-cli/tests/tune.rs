@@ -67,6 +67,7 @@ fn a_map_learns_with_quickly_tuned_settings_and_prints_them() {
     };
     let chosen = "chosen by cross-validation on 3 touches";
     let by_itself = field(&["log"], &[], chosen);
+    field(&["log"], &[], " N/m, torque noise 0.");
     assert!(by_itself != field(&["log"], &["--tune=off"], ""), "nothing was chosen");
 
     let mut quick = scene.command("tune", &["log"]);
@@ -114,6 +115,11 @@ fn given_settings_are_not_tuned() {
     assert_eq!(given(4).estimator.prior.std_n_per_m, 300.0);
     assert_eq!(given(5).estimator.torque_std, [0.3]);
     assert_eq!(given(6).estimator.stiffness_scale, 0.75);
+    // With so small a scale no touch is predicted, but that is no reason to take its torque for noise.
+    let (_, said) = printed(&mut scene.map(&["log"], &["--stiffness-scale", "0.01"]));
+    assert!(said.contains("(score 0.99)") && !said.contains("counts as noise"), "{said}");
+    let config = of(&scene);
+    assert!(config.estimator.torque_std.iter().all(|std| *std < 1.0), "{config:?}");
     // With all given, the map is as if none were chosen.
     let all = flags.concat();
     succeed(&mut scene.map(&["log"], &all));

@@ -248,8 +248,10 @@ impl Tuner {
         let trials: Vec<Trial> = trials.into_iter().map(|(trial, _)| trial).collect();
         let mut config = trials[0].config.clone();
         let score = trials[0].scores.last().copied().unwrap_or_default();
+        // The score under a given scale may be bad because of the scale.
+        let given = self.search.given;
         let is_all_noise = score > MAX_ERROR
-            && !self.search.given.torque_std
+            && !(given.torque_std || given.stiffness_scale)
             && config.method == EstimatorKind::Map;
         if is_all_noise {
             config.estimator.torque_std = self.all_noise(train, &config.estimator.torque_std);

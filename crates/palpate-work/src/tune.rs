@@ -329,14 +329,23 @@ fn summary(tuned: &Tuned, (touches, found): (usize, usize)) -> String {
     let of = if touches < found { format!(" of {found}") } else { String::new() };
     format!(
         "chosen by cross-validation on {touches}{of} touches{score}: contact distance {:.0} mm, \
-         friction {:.2}, Coulomb friction {:.2}, prior {:.3} ± {:.3} N/m, stiffness scale {:.2}",
+         friction {:.2}, Coulomb friction {:.2}, prior {:.3} ± {:.3} N/m, torque noise {}, stiffness scale {:.2}",
         1e3 * contact.contact_distance_m,
         contact.friction,
         contact.coulomb_friction,
         estimator.prior.mean_n_per_m,
         estimator.prior.std_n_per_m,
+        noise(&estimator.torque_std),
         estimator.stiffness_scale,
     )
+}
+
+/// The torque noise, N·m, or its range over the joints.
+fn noise(torque_std: &[f64]) -> String {
+    let least = torque_std.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = torque_std.iter().copied().fold(0.0, f64::max);
+    let [least, most] = [least, most].map(|std| format!("{std:.2}"));
+    if least == most { format!("{least} N·m") } else { format!("{least} to {most} N·m") }
 }
 
 /// The candidates with their scores, for programs.
@@ -364,6 +373,13 @@ pub fn tuned_settings(tuned: &Tuned, given: &Settings) -> Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_torque_noise_is_one_number_or_a_range_over_the_joints() {
+        assert_eq!(noise(&[0.2]), "0.20 N·m");
+        assert_eq!(noise(&[0.301, 0.2, 0.204]), "0.20 to 0.30 N·m");
+        assert_eq!(noise(&[0.201, 0.2, 0.204]), "0.20 N·m");
+    }
 
     #[test]
     fn strong_touches_come_first_and_weak_ones_only_where_there_are_no_others() {
