@@ -24,7 +24,9 @@ unchanged touches exceeds. Above 1, the change is the simplest one that explains
 error: the object has moved (up to 6 cm over the ground, 2 cm up or down, and 17° about the \
 vertical), or it is softer or harder. Otherwise it is another object, or changed in another way. \
 The result is unknown if the field knows less than 10 % of what was touched, or less than 60 % \
-and the touches contradict it but it predicts a part of their torque. Each touch is compared alone, and all of them together.
+and the touches contradict it but it predicts a part of their torque. If it knows less than 60 % \
+and the touches neither contradict it nor repeat another, the text is `no contradiction` in place of \
+`unchanged`. Each touch is compared alone, and all of them together.
 
 A touch that repeats the path of one in the field's memory, to within a cell, is compared with \
 the torque measured then: it contradicts the field if the torques differ by more than a quarter. \
@@ -104,14 +106,16 @@ fn text(report: &ComparisonReport) -> String {
     )
 }
 
-/// What has changed, in words.
+/// What has changed, in words. `Unchanged` has two texts: that the field fits where it knows little shows no more than
+/// that nothing contradicts it.
 fn change_in_words(comparison: &Comparison) -> String {
     let place = comparison.place.map_or_else(String::new, |place| {
         let [x, y, z] = place.centre_m;
         format!(" within {:.0} cm of ({x:.2}, {y:.2}, {z:.2}) m", 100.0 * place.radius_m)
     });
     match comparison.change {
-        Change::Unchanged => "unchanged".to_owned(),
+        Change::Unchanged if comparison.is_with_known() => "unchanged".to_owned(),
+        Change::Unchanged => format!("no contradiction ({:.0} % known)", 100.0 * comparison.known),
         Change::Unknown => "unknown: the field knows too few of the touched cells".to_owned(),
         Change::Moved(motion) => {
             let ObjectMotion { shift_m: [x, y, z], turn_rad, .. } = motion;
@@ -123,5 +127,29 @@ fn change_in_words(comparison: &Comparison) -> String {
         Change::Softer { factor } => format!("softer, {factor:.2} times{place}"),
         Change::Harder { factor } => format!("harder, {factor:.2} times{place}"),
         Change::Other => format!("another object, or changed in another way{place}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_learn::change::RelativeErrors;
+
+    use super::*;
+
+    #[test]
+    fn a_touch_of_mostly_unknown_cells_is_not_called_unchanged() {
+        let words = |known: f64, repeats: &[&str]| {
+            change_in_words(&Comparison {
+                known,
+                contradiction: 0.8,
+                repeats: repeats.iter().map(|name| (*name).to_owned()).collect(),
+                change: Change::Unchanged,
+                error: RelativeErrors { field: None, scaled: None, moved: None, repeated: None },
+                place: None,
+            })
+        };
+        assert_eq!(words(0.131, &[]), "no contradiction (13 % known)");
+        assert_eq!(words(0.131, &["#0 push"]), "unchanged");
+        assert_eq!(words(0.6, &[]), "unchanged");
     }
 }

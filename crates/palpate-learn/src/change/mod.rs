@@ -116,6 +116,14 @@ pub struct Comparison {
     pub place: Option<ContradictedRegion>,
 }
 
+impl Comparison {
+    /// Whether the comparison is with what the field knows well, or with repeated touches. Otherwise, touches that do not
+    /// contradict the field are no evidence that the object is unchanged.
+    pub fn is_with_known(&self) -> bool {
+        self.known >= MOSTLY_KNOWN || !self.repeats.is_empty()
+    }
+}
+
 /// Errors relative to those of predicting zero, as root mean squares over frames in contact; `None` without torques.
 /// `scaled` and `moved` are `None` if nothing contradicts the field. If touches contradict those that they repeat, the
 /// factor multiplies the earlier torques, and the motion uses the earlier torques at the same place of the object.
