@@ -60,7 +60,9 @@ impl ExtrapolationSummary<'_> {
         let remembered = self.found.remembered.map(|counts| ("remembered", frames(counts)));
         let errors = |HeldOutErrors { with, without, relative }| {
             let unit = if relative { "relative to predicting zero" } else { "N·m" };
-            format!("{with:.3} with the extrapolation, {without:.3} without; {unit}, random halves")
+            let [with, without] =
+                [with, without].map(|error| format!("{:.3} ± {:.3}", error.mean, error.std));
+            format!("{with} with the extrapolation, {without} without; {unit}, over random halves")
         };
         let held_out = self.found.held_out.map(|found| ("error, held-out touches", errors(found)));
         std::iter::once(("method", method)).chain(remembered).chain(held_out).collect()
@@ -121,7 +123,7 @@ impl ExtrapolationSummary<'_> {
             "touches": self.found.remembered.map(|(touches, _)| touches),
             "frames": self.found.remembered.map(|(_, frames)| frames),
             "held_out": self.found.held_out.map(|HeldOutErrors { with, without, relative }| {
-                json!({"with": with, "without": without, "relative": relative})
+                json!({"with": with.mean, "without": without.mean, "relative": relative})
             }),
             "stiffness": {"q10": soft, "median": median, "q90": stiff},
             "truth": self.orders().map(|[untouched, all]| json!({"untouched": untouched, "all": all})),

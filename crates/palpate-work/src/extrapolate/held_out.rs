@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use palpate_learn::evaluation::MeanStd;
 use palpate_learn::extrapolate::ExtrapolationMethod;
 use palpate_learn::extrapolate::compare::{ComparisonPlan, VariantErrors};
 
@@ -12,13 +13,13 @@ pub(super) const MIN_TOUCHES: usize = 4;
 /// increases the error by more than half of this share.
 const MARGIN: f64 = 0.02;
 
-/// Torque errors of one half of the touches, predicted from the other half; means over random halves.
+/// Torque errors of one half of the touches, predicted from the other half; mean and spread over random halves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeldOutErrors {
     /// Error of the field alone.
-    pub without: f64,
+    pub without: MeanStd,
     /// Error of the field with the extrapolated stiffness in untouched cells.
-    pub with: f64,
+    pub with: MeanStd,
     /// Whether the errors are relative (1 is that of predicting zero), or in N·m.
     pub relative: bool,
 }
@@ -30,14 +31,16 @@ impl HeldOutErrors {
         plan: &ComparisonPlan,
         rows: &[VariantErrors],
     ) -> Option<(ExtrapolationMethod, Self)> {
-        let relative = rows.iter().all(|row| row.means().0.is_some());
-        let error =
-            |row: &VariantErrors| if relative { row.means().0 } else { Some(row.means().1) };
-        let errors: Vec<f64> = rows.iter().filter_map(error).collect();
+        let relative = rows.iter().all(|row| !row.avg_relative.is_empty());
+        let error = |row: &VariantErrors| {
+            let by_half = if relative { &row.avg_relative } else { &row.avg_error };
+            MeanStd::of(by_half.iter().copied())
+        };
+        let errors: Vec<MeanStd> = rows.iter().filter_map(error).collect();
         let [zero, without, _again, with_each @ ..] = &errors[..] else { return None };
-        let mut found: Option<(ExtrapolationMethod, f64)> = None;
+        let mut found: Option<(ExtrapolationMethod, MeanStd)> = None;
         for (variant, &error) in plan.variants.iter().zip(with_each) {
-            if found.is_none_or(|(_, best)| error < (1.0 - MARGIN) * best) {
+            if found.is_none_or(|(_, best)| error.mean < (1.0 - MARGIN) * best.mean) {
                 found = Some((variant.method, error));
             }
         }
@@ -45,7 +48,7 @@ impl HeldOutErrors {
         let best = Self { without: *without, with, relative };
         if !best.helps() {
             let mut each = plan.variants.iter().zip(with_each);
-            if let Some((first, &with)) = each.find(|(_, error)| *error < zero) {
+            if let Some((first, &with)) = each.find(|(_, error)| error.mean < zero.mean) {
                 return Some((first.method, Self { with, ..best }));
             }
         }
@@ -54,14 +57,14 @@ impl HeldOutErrors {
 
     /// Whether predictions with the extrapolated stiffness are about as good as without, or better.
     pub(crate) fn helps(&self) -> bool {
-        self.with <= (1.0 + MARGIN / 2.0) * self.without
+        self.with.mean <= (1.0 + MARGIN / 2.0) * self.without.mean
     }
 }
 
 impl fmt::Display for HeldOutErrors {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { without, with, relative } = self;
-        let unit = if *relative { " of that of predicting zero" } else { " N·m" };
+        let (with, without, relative) = (self.with.mean, self.without.mean, self.relative);
+        let unit = if relative { " of that of predicting zero" } else { " N·m" };
         write!(
             f,
             "one half of the touches was predicted from the other half: with the extrapolated stiffness, the error is \
@@ -95,7 +98,7 @@ mod tests {
             ([1.0, 0.8, 0.5, 0.600, 0.900], ExtrapolationMethod::Torque, 0.600),
         ] {
             let (chosen, found) = HeldOutErrors::of(&plan, &rows(errors)).unwrap();
-            assert_eq!((chosen, found.with, found.without), (method, with, 0.8));
+            assert_eq!((chosen, found.with.mean, found.without.mean), (method, with, 0.8));
         }
     }
 
@@ -127,7 +130,8 @@ mod tests {
         let mut faint = rows([0.4, 0.3, 0.2, 0.2, 0.1]);
         faint.iter_mut().for_each(|row| row.avg_relative.clear());
         let (method, found) = HeldOutErrors::of(&plan, &faint).unwrap();
-        assert_eq!((method, found.relative, found.with), (ExtrapolationMethod::Cells, false, 0.1));
+        let of = (method, found.relative, found.with.mean);
+        assert_eq!(of, (ExtrapolationMethod::Cells, false, 0.1));
         assert!(found.to_string().contains("0.100 N·m"), "{found}");
     }
 }
