@@ -70,7 +70,7 @@ fn norms(a: &[Vec<f64>], b: &[Vec<f64>]) -> Vec<f64> {
 /// a brown that is lighter than the ink of the measured torque and darker than all others.
 pub(crate) fn colour(method: &str) -> RGBColor {
     match method {
-        "elastic" => RGBColor(128, 64, 16),
+        "elastic" => RGBColor(150, 75, 20),
         "map" => RGBColor(0, 114, 178),
         "ekf" => RGBColor(86, 180, 233),
         "mlp" => RGBColor(213, 94, 0),
