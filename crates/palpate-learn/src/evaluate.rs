@@ -205,8 +205,14 @@ fn with_uncertainty(
         torques.push(own);
         spreads.push(spread);
     }
-    let others = of_other_objects(tracked, &fold.train, &predicted);
-    let calibration = calibrate(tracked, &fold.train, config, stop)?.or_else(|| others.clone());
+    let calibration = calibrate(tracked, &fold.train, config, stop)?;
+    // With few touches the calibration is already of other objects, and a second one would differ from it only because
+    // it follows other replays.
+    let others = match calibration.as_ref().filter(|own| own.of_other_objects) {
+        Some(own) => Some(own.clone()),
+        None => of_other_objects(tracked, &fold.train, &predicted),
+    };
+    let calibration = calibration.or_else(|| others.clone());
     let uncertainty =
         calibration.map(|calibration| Uncertainty { spread: spreads, calibration, others });
     Ok((torques, uncertainty))
