@@ -85,18 +85,18 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
 fn text(report: &ComparisonReport) -> String {
     let header =
         ["touch", "known", "contradiction", "error", "repeated", "scaled", "moved", "change"];
-    let row = |name: &str, own: &Comparison| {
+    let row = |name: &str, own: &Comparison, touches: usize| {
         let error = [own.error.field, own.error.repeated, own.error.scaled, own.error.moved];
         let [error, repeated, scaled, moved] = error.map(|error| figure(error, 2));
         let known = format!("{:.0} %", 100.0 * own.known);
         let contradiction = format!("{:.2}", own.contradiction);
-        let change = change_in_words(own);
+        let change = change_in_words(own, touches);
         vec![name.to_owned(), known, contradiction, error, repeated, scaled, moved, change]
     };
     let mut rows: Vec<Vec<String>> =
-        report.touches.iter().map(|touch| row(&touch.name, &touch.comparison)).collect();
+        report.touches.iter().map(|touch| row(&touch.name, &touch.comparison, 1)).collect();
     if rows.len() > 1 {
-        rows.push(row("together", &report.together));
+        rows.push(row("together", &report.together, report.touches.len()));
     }
     format!(
         "Contradiction: above 1 the touches do not fit the field. Errors are relative to predicting zero; error: of \
@@ -106,15 +106,15 @@ fn text(report: &ComparisonReport) -> String {
     )
 }
 
-/// What has changed, in words. `Unchanged` has two texts: that the field fits where it knows little shows no more than
-/// that nothing contradicts it.
-fn change_in_words(comparison: &Comparison) -> String {
+/// What a number of touches show to have changed, in words. `Unchanged` has two texts: if the field knows little of what
+/// was touched, the touches show only that they do not contradict it.
+fn change_in_words(comparison: &Comparison, touches: usize) -> String {
     let place = comparison.place.map_or_else(String::new, |place| {
         let [x, y, z] = place.centre_m;
         format!(" within {:.0} cm of ({x:.2}, {y:.2}, {z:.2}) m", 100.0 * place.radius_m)
     });
     match comparison.change {
-        Change::Unchanged if comparison.is_with_known() => "unchanged".to_owned(),
+        Change::Unchanged if comparison.is_with_known(touches) => "unchanged".to_owned(),
         Change::Unchanged => format!("no contradiction ({:.0} % known)", 100.0 * comparison.known),
         Change::Unknown => "unknown: the field knows too few of the touched cells".to_owned(),
         Change::Moved(motion) => {
@@ -138,18 +138,20 @@ mod tests {
 
     #[test]
     fn a_touch_of_mostly_unknown_cells_is_not_called_unchanged() {
-        let words = |known: f64, repeats: &[&str]| {
-            change_in_words(&Comparison {
+        let words = |known: f64, repeats: &[&str], touches: usize| {
+            let comparison = Comparison {
                 known,
                 contradiction: 0.8,
                 repeats: repeats.iter().map(|name| (*name).to_owned()).collect(),
                 change: Change::Unchanged,
                 error: RelativeErrors { field: None, scaled: None, moved: None, repeated: None },
                 place: None,
-            })
+            };
+            change_in_words(&comparison, touches)
         };
-        assert_eq!(words(0.131, &[]), "no contradiction (13 % known)");
-        assert_eq!(words(0.131, &["#0 push"]), "unchanged");
-        assert_eq!(words(0.6, &[]), "unchanged");
+        assert_eq!(words(0.131, &[], 1), "no contradiction (13 % known)");
+        assert_eq!(words(0.131, &["#0 push"], 1), "unchanged");
+        assert_eq!(words(0.541, &["#0 push"], 2), "no contradiction (54 % known)");
+        assert_eq!(words(0.6, &[], 2), "unchanged");
     }
 }

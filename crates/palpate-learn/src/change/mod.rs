@@ -117,10 +117,10 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Whether the comparison is with what the field knows well, or with repeated touches. Otherwise, touches that do not
-    /// contradict the field are no evidence that the object is unchanged.
-    pub fn is_with_known(&self) -> bool {
-        self.known >= MOSTLY_KNOWN || !self.repeats.is_empty()
+    /// Whether the field knows most of the cells in this comparison of a number of touches, or all of these repeat learnt
+    /// ones. Otherwise, touches that do not contradict the field are no evidence that the object is unchanged.
+    pub fn is_with_known(&self, touches: usize) -> bool {
+        self.known >= MOSTLY_KNOWN || self.repeats.len() == touches
     }
 }
 
