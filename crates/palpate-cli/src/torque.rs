@@ -10,7 +10,8 @@ use palpate_work::arm_file;
 use palpate_work::quantile::median;
 use palpate_work::torque::{
     BANDWIDTH_HZ, ContactInterval, FALSE_ALARMS_PER_HOUR, ThresholdSource, TorqueFrame,
-    TorqueSettings, TouchTorques, contacts, threshold, torques, warn_if_always_touched,
+    TorqueSettings, TouchTorques, contacts, high_threshold, threshold, torques,
+    warn_if_always_touched,
 };
 use palpate_work::touches::Touches;
 use serde_json::json;
@@ -115,9 +116,12 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         );
     }
     warn_if_always_touched(&found, (threshold, from), output);
+    let joints: Vec<String> = arm.robot.joint_names().map(str::to_owned).collect();
+    if let Some(note) = high_threshold(&found, &joints, (threshold, from)) {
+        output.note(&note);
+    }
     let contacts = contacts(&found, threshold);
 
-    let joints: Vec<String> = arm.robot.joint_names().map(str::to_owned).collect();
     if let (Some(path), Some(format)) = (&args.output, format) {
         write(path, format, &joints, &rows(&found, threshold)).map_err(CliError::file)?;
     }

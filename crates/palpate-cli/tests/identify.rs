@@ -245,6 +245,11 @@ fn free_motion_has_no_contact_and_its_largest_torque_is_reported() {
     let (stdout, stderr) = printed(torque(&free, &arm).args(robot));
     assert!(stdout.contains("No contact was found: the largest torque is"), "{stdout}");
     assert!(!stderr.contains("warning"), "{stderr}");
+    // Pushes in the logs of --free raise the threshold.
+    let pushed = folder.path().join("pushed");
+    write_logs(&pushed, true);
+    let (_, stderr) = printed(torque(&free, &arm).args(robot).arg("--free").arg(&pushed));
+    holds(&stderr, &["note: the contact threshold is", " at Actuator1, ", "of --free are short"]);
     let (_, stderr) = printed(torque(&free, &arm).args(["--bandwidth-hz", "2"]));
     assert!(stderr.contains("warning: the contact threshold was determined on"), "{stderr}");
     // The motion begins at once, which is allowed with an identified arm.

@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use crate::error::WorkError;
 use crate::progress::Progress;
+use crate::quantile::median;
 use crate::touches::RecordedTouch;
 
 /// Threshold for contact in standard deviations, if there is no contact-free motion to find it from.
@@ -30,6 +31,9 @@ pub enum ThresholdSource {
 
 /// Largest plausible share of samples in contact; beyond it, a warning is given.
 const ALWAYS: f64 = 0.8;
+
+/// Threshold, in standard deviations, above which a note says from which torques contacts are found.
+const HIGH_THRESHOLD: f64 = 15.0;
 
 /// Shortest time, and fewest samples if there are no times, between two contact intervals; closer ones are merged.
 const APART_S: f64 = 0.25;
@@ -185,6 +189,33 @@ pub fn warn_if_always_touched(
             100.0 * part
         ));
     }
+}
+
+/// From which torque of each joint contacts are found, as a note for the user; `None` unless the threshold is high.
+pub fn high_threshold(
+    touches: &[TouchTorques],
+    joints: &[String],
+    (threshold, from): (f64, ThresholdSource),
+) -> Option<String> {
+    let motion = match from {
+        ThresholdSource::Guess => return None,
+        ThresholdSource::FreeLogs => "the logs of --free are",
+        ThresholdSource::Identification => "the motion that identification held out is",
+    };
+    let each = joints.iter().enumerate().filter_map(|(j, joint)| {
+        let frames = touches.iter().flat_map(|touch| &touch.frames);
+        let std: Vec<f64> = frames.map(|frame| frame.external.std[j]).collect();
+        Some(format!("{:.1} at {joint}", threshold * median(&std)?))
+    });
+    let each = each.collect::<Vec<_>>().join(", ");
+    (threshold > HIGH_THRESHOLD).then(|| {
+        format!(
+            "the contact threshold is {threshold:.0} standard deviations, so contacts are found only from about these \
+             torques, N·m: {each}; {motion} short, or a few of its residuals are far larger than the others, often \
+             where a joint reverses or stops; several minutes of contact-free motion like your task (--free) may lower \
+             the threshold, and a higher --false-alarms lowers it"
+        )
+    })
 }
 
 fn warn_of_untimed(touches: &[TouchTorques], progress: &dyn Progress) {
@@ -345,5 +376,30 @@ mod tests {
         let found = wrench(&robot, &poses, link, &ExternalTorque { torque, std });
         let wanted = Vector6::from_iterator(force.iter().chain(&moment).copied());
         assert!((found - wanted).amax() < 1e-9, "{found}");
+    }
+
+    #[test]
+    fn a_high_threshold_is_named_in_torques() {
+        let frame = |std: f64| TorqueFrame {
+            time_s: None,
+            q: vec![0.0],
+            external: ExternalTorque {
+                torque: DVector::zeros(1),
+                std: DVector::from_element(1, std),
+            },
+            statistic: 0.0,
+            wrench: None,
+        };
+        let frames = [0.5, 0.4, 9.0].map(frame).to_vec();
+        let touch = TouchTorques { log: PathBuf::new(), name: "x".to_owned(), frames };
+        let joints = ["elbow".to_owned()];
+        let note = |threshold: f64, from: ThresholdSource| {
+            high_threshold(std::slice::from_ref(&touch), &joints, (threshold, from))
+        };
+        let found = note(38.1, ThresholdSource::Identification).unwrap();
+        assert!(found.contains("38 standard") && found.contains("19.1 at elbow"), "{found}");
+        assert!(note(38.1, ThresholdSource::FreeLogs).unwrap().contains("of --free are"));
+        assert_eq!(note(14.0, ThresholdSource::Identification), None);
+        assert_eq!(note(38.1, ThresholdSource::Guess), None);
     }
 }
