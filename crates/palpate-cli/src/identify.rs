@@ -106,7 +106,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             output.result(&format!("{what} is in `{}`.\n", path.display()))?;
         }
     }
-    if args.output.is_some() {
+    // An arm that does not fit is no basis for a next step.
+    if args.output.is_some() && found.misfit.is_none() {
         let robot = logs::robot_flags(&robot);
         output.result(&format!("Next: palpate torque LOG{robot}{flags}\n"))?;
     }

@@ -317,6 +317,10 @@ fn what_looks_wrong_with_a_log_is_reported_before_its_torques_are_used() {
     write_changed(&path("free"), &path("shaken"), shake);
     let unwritten = path("none.toml");
     let mut command = identify(&path("shaken"));
+    let (stdout, stderr) = printed(command.arg("-o").arg(path("shaken.toml")));
+    assert!(stderr.contains("warning: on held-out motion"), "{stderr}");
+    assert!(path("shaken.toml").exists() && !stdout.contains("Next:"), "no next step: {stdout}");
+    let mut command = identify(&path("shaken"));
     refuse(command.arg("--strict").arg("-o").arg(&unwritten), 1, &["held-out", "(--strict)"]);
     assert!(!unwritten.exists());
 }
