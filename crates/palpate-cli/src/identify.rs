@@ -4,14 +4,14 @@ use std::path::PathBuf;
 
 use palpate::Robot;
 use palpate_io::robot_files::with_inertia;
-use palpate_learn::identify::{Estimate, IdentifiedArm, JointEstimate, MIN_MOTION};
+use palpate_learn::identify::{Estimate, IdentifiedArm, MIN_MOTION};
 use palpate_work::arm_file;
 use palpate_work::identify::{self, IdentifySettings};
 use serde_json::json;
 
 use crate::error::CliError;
 use crate::file_paths::FilePaths;
-use crate::output::{Output, table};
+use crate::output::{Output, figure, table};
 use crate::settings::RobotLogAndTouchSettings;
 use crate::{file_paths, interrupt, logs};
 
@@ -186,17 +186,28 @@ fn joints(found: &IdentifiedArm) -> String {
         "Coulomb N·m",
         "viscous N·m·s/rad",
         "breakaway N·m",
+        "asymmetry N·m",
+        "hysteresis N·m",
         "bias N·m",
         "gain",
         "moved rad",
     ];
-    let moves = |joint: &JointEstimate| joint.moved >= MIN_MOTION;
     let rows = found.joints.iter().map(|joint| {
+        let moves = joint.moved >= MIN_MOTION;
+        let slides = found.timed && moves;
+        // What would be negative, and is held at zero, has no standard deviation.
+        let not_negative = |value: Estimate, name: &str, is_found: bool| {
+            let text = pm(value, 2, is_found);
+            if is_found && joint.at_zero.contains(&name) { "0.00 ± -".to_owned() } else { text }
+        };
+        let hysteresis = slides.then_some(joint.hysteresis_n_m);
         vec![
             joint.name.clone(),
-            pm(joint.coulomb_n_m, 2, moves(joint)),
-            pm(joint.viscous_n_m_s, 2, found.timed && moves(joint)),
-            pm(joint.breakaway_n_m, 2, found.timed && moves(joint)),
+            not_negative(joint.coulomb_n_m, "coulomb_n_m", moves),
+            not_negative(joint.viscous_n_m_s, "viscous_n_m_s", slides),
+            pm(joint.breakaway_n_m, 2, slides && joint.is_breakaway_separable),
+            pm(joint.asymmetry_n_m, 2, slides),
+            figure(hysteresis, 2),
             pm(joint.bias_n_m, 2, true),
             pm(joint.gain, 3, true),
             format!("{:.2}", joint.moved),

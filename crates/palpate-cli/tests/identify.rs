@@ -326,6 +326,28 @@ fn what_looks_wrong_with_a_log_is_reported_before_its_torques_are_used() {
 }
 
 #[test]
+fn an_arm_that_is_led_by_hand_is_named_and_its_friction_has_no_deviation() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write_logs(&path("free"), false);
+    // The hand drives the arm: it does the work that friction takes, and more.
+    let last = RefCell::new(None);
+    let lead = |sample: &mut Sample| {
+        let before = last.replace(Some(sample.q.clone())).unwrap_or_else(|| sample.q.clone());
+        for (tau, (q, before)) in sample.tau.iter_mut().zip(sample.q.iter().zip(before)) {
+            let speed = (q - before) * RATE_HZ;
+            *tau += 0.8 * (speed / 0.01).tanh() + 0.5 * speed;
+        }
+    };
+    write_changed(&path("free"), &path("led"), lead);
+    let (stdout, stderr) = printed(identify(&path("led")).args(MEASURED));
+    holds(&stderr, &["friction would be negative at", "led by hand"]);
+    holds(&stdout, &["0.00 ± -", "asymmetry N·m", "hysteresis N·m"]);
+    let found = json(identify(&path("led")).args(MEASURED).args(["--quiet", "--json"]));
+    assert_eq!(found["joints"][1]["at_zero"][0], "coulomb_n_m", "{}", found["joints"][1]);
+}
+
+#[test]
 fn a_field_of_an_identified_arm_goes_on_with_it_and_not_without() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);

@@ -37,6 +37,8 @@ pub(super) struct Posterior {
     correlated: Vec<f64>,
     /// Prior variance of all unknowns.
     pub(super) prior_variance: DVector<f64>,
+    /// Whether each unknown is held near zero, since its estimate would be negative.
+    pub(super) is_zero: Vec<bool>,
 }
 
 impl Posterior {
@@ -69,6 +71,7 @@ impl Posterior {
             efforts,
             correlated,
             prior_variance: prior.variance(),
+            is_zero: Vec::new(),
         };
         for step in 0..STEPS {
             if step == STEPS / 2 || step == 3 * STEPS / 4 {
@@ -78,6 +81,7 @@ impl Posterior {
             posterior.solve(sums, &prior.center)?;
             prior.adapt(&posterior);
         }
+        posterior.is_zero = prior.is_zero;
         posterior.make_possible(start)?;
         posterior.mean.iter().all(|value| value.is_finite()).then_some(posterior)
     }

@@ -104,7 +104,7 @@ pub(super) struct Prior {
     /// Whether the torques are currents: the width of the gains is then not estimated.
     currents: bool,
     /// Coefficients that are held near zero, since their estimate would be negative.
-    is_zero: Vec<bool>,
+    pub(super) is_zero: Vec<bool>,
     /// Index of each joint's first coefficient.
     joints: Vec<usize>,
 }

@@ -83,6 +83,9 @@ pub struct JointEstimate {
     pub asymmetry_n_m: Estimate,
     /// Breakaway: how much larger friction is at the slowest speeds, N·m.
     pub breakaway_n_m: Estimate,
+    /// Whether breakaway is distinguished from how friction changes in reversals. It is not if it takes away nearly all
+    /// of the Coulomb friction: a joint that slides has friction at the slowest speeds, too.
+    pub is_breakaway_separable: bool,
     /// Viscous friction, N·m·s/rad.
     pub viscous_n_m_s: Estimate,
     /// Inertia of the drive, kg·m².
@@ -97,6 +100,9 @@ pub struct JointEstimate {
     pub ripple_orders: Vec<f64>,
     /// Standard deviation of the torque that the friction model leaves unexplained during reversals, N·m.
     pub hysteresis_n_m: f64,
+    /// Names of those of the values above that would be negative, and are held at zero; their standard deviations say
+    /// nothing.
+    pub at_zero: Vec<&'static str>,
 }
 
 /// Identified values of a body: links that move together.
@@ -188,6 +194,7 @@ pub(super) fn of(
                 coulomb_n_m: by_gain(0),
                 asymmetry_n_m: by_gain(1),
                 breakaway_n_m: by_gain(2),
+                is_breakaway_separable: is_separable(&model.joints[j].friction),
                 viscous_n_m_s: by_gain(3),
                 rotor_inertia_kg_m2: by_gain(4),
                 bias_n_m: value_of(posterior, &bias, model.joints[j].bias[0]),
@@ -195,6 +202,7 @@ pub(super) fn of(
                 presliding_rad: settings.turning[j].presliding,
                 ripple_orders: model.joints[j].ripple.iter().map(|own| own.order).collect(),
                 hysteresis_n_m: found.noise[j].turning,
+                at_zero: at_zero(posterior, j),
             }
         })
         .collect();
@@ -220,8 +228,24 @@ pub(super) fn of(
         model,
     };
     identified.misfit = misfit(&identified, motion);
-    identified.notes = notes(&identified, (motion, fit.has_settled), robot);
+    identified.notes = notes(&identified, (motion, fit), robot);
     identified
+}
+
+/// Whether breakaway is distinguished from friction in reversals ([`LEAST_SLOW`]).
+fn is_separable(friction: &JointFriction) -> bool {
+    friction.coulomb + friction.breakaway > LEAST_SLOW * friction.coulomb
+}
+
+/// Names of the values of a joint that are held at zero, since they would be negative.
+fn at_zero(posterior: &Posterior, j: usize) -> Vec<&'static str> {
+    let is_held = |k: usize| {
+        let at = posterior.joint(j) + 1 + k;
+        posterior.is_zero[at] || posterior.mean[at] * posterior.gain(j) < 0.0
+    };
+    let names = ["coulomb_n_m", "viscous_n_m_s", "rotor_inertia_kg_m2"];
+    let held = NEVER_NEGATIVE.into_iter().zip(names).filter(|(k, _)| is_held(*k));
+    held.map(|(_, name)| name).collect()
 }
 
 /// A value with the standard deviation of a linear combination of the unknowns: (index, factor).
@@ -326,8 +350,13 @@ fn base_parameters(robot: &Robot, posterior: &Posterior) -> (usize, usize) {
 /// Largest residual, relative to the standard deviation of the torques, before a misfit is reported.
 const MAX_RESIDUAL: f64 = 0.3;
 
-/// Torques may come before the positions by this, s, before it is reported.
+/// Torques may come before the positions by this, s, and by this part of the sampling interval, before it is reported.
 const EARLY_S: f64 = 0.01;
+const EARLY_PART: f64 = 0.5;
+
+/// Least friction at the slowest speeds, relative to Coulomb friction. If less is left, the joint hardly moved at these
+/// speeds but in reversals, and breakaway describes what the presliding distance does not.
+const LEAST_SLOW: f64 = 0.2;
 
 /// A note on negative gains.
 fn of_gains(identified: &IdentifiedArm) -> Option<String> {
@@ -349,13 +378,33 @@ fn of_gains(identified: &IdentifiedArm) -> Option<String> {
 }
 
 /// A note on torques that come before the positions.
-fn of_delay(identified: &IdentifiedArm) -> Option<String> {
-    let Estimate { value, std } = identified.delay_s;
-    (identified.timed && value < -2.0 * std - EARLY_S).then(|| {
+fn of_delay(delay_s: Estimate, interval_s: f64) -> Option<String> {
+    let Estimate { value, std } = delay_s;
+    let least_s = (2.0 * std).max(EARLY_S.min(EARLY_PART * interval_s));
+    (interval_s > 0.0 && value < -least_s).then(|| {
         format!(
-            "the torques come {:.0} ms before the positions, which is impossible: the time stamps are those of another \
-             clock, the torques are those of other joints, or friction at reversals does not follow the model",
+            "the torques come {:.1} ms before the positions, which is impossible: friction near reversals of the \
+             motion may not follow the model, which looks like a delay; or the time stamps are those of another clock, \
+             or the torques those of other joints",
             -1e3 * value
+        )
+    })
+}
+
+/// A note on friction that would be negative at most joints.
+fn of_friction(joints: &[JointEstimate], timed: bool) -> Option<String> {
+    let moving = || joints.iter().filter(|joint| joint.moved >= MIN_MOTION);
+    let is_none = |joint: &&JointEstimate| {
+        let is_zero = |name| joint.at_zero.contains(&name);
+        is_zero("coulomb_n_m") && (!timed || is_zero("viscous_n_m_s"))
+    };
+    let none = moving().filter(is_none).count();
+    (2 * none > moving().count()).then(|| {
+        format!(
+            "Coulomb and viscous friction would be negative at {none} of {} moving joints, and are set to zero: the \
+             arm was probably led by hand or touched, or the sign of the torques is wrong (--torque-sign); record \
+             motion that only the motors drive",
+            moving().count()
         )
     })
 }
@@ -363,7 +412,7 @@ fn of_delay(identified: &IdentifiedArm) -> Option<String> {
 /// Notes for the user: what is suspect, what cannot be determined, and why.
 fn notes(
     identified: &IdentifiedArm,
-    (motion, has_settled): (&Checked, bool),
+    (motion, fit): (&Checked, &Fit),
     robot: &Robot,
 ) -> Vec<String> {
     let mut notes = Vec::new();
@@ -382,7 +431,7 @@ fn notes(
                 .to_owned(),
         );
     }
-    if identified.timed && !has_settled {
+    if identified.timed && !fit.has_settled {
         notes.push(
             "delay and presliding distances did not converge: faster reversals, or a higher sampling rate, \
              distinguish them"
@@ -391,7 +440,10 @@ fn notes(
     }
     notes.extend(of_joints(&identified.joints, motion));
     notes.extend(of_gains(identified));
-    notes.extend(of_delay(identified));
+    notes.extend(of_delay(identified.delay_s, fit.rows.interval_s()));
+    if identified.misfit.is_none() {
+        notes.extend(of_friction(&identified.joints, identified.timed));
+    }
     let parameters = robot.inertial_parameters();
     if parameters.iter().all(|parameter| *parameter == 0.0) {
         notes.push(
@@ -492,5 +544,67 @@ fn misfit(identified: &IdentifiedArm, motion: &Checked) -> Option<String> {
         ))
     } else {
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn joint(at_zero: &[&'static str]) -> JointEstimate {
+        let none = Estimate { value: 0.0, std: 0.1 };
+        JointEstimate {
+            name: "a".to_owned(),
+            moved: 1.0,
+            coulomb_n_m: none,
+            asymmetry_n_m: none,
+            breakaway_n_m: none,
+            is_breakaway_separable: true,
+            viscous_n_m_s: none,
+            rotor_inertia_kg_m2: none,
+            bias_n_m: none,
+            gain: none,
+            presliding_rad: 1e-3,
+            ripple_orders: Vec::new(),
+            hysteresis_n_m: 0.0,
+            at_zero: at_zero.to_vec(),
+        }
+    }
+
+    #[test]
+    fn a_delay_below_zero_is_reported_if_it_is_clear() {
+        let note =
+            |value: f64, std: f64, interval_s: f64| of_delay(Estimate { value, std }, interval_s);
+        let found = note(-9.2e-3, 0.4e-3, 8e-3).unwrap();
+        assert!(found.contains("9.2 ms") && found.contains("near reversals"), "{found}");
+        assert!(note(-3.9e-3, 0.4e-3, 8e-3).is_none(), "less than half an interval");
+        assert!(note(-9.2e-3, 5e-3, 8e-3).is_none(), "less than two standard deviations");
+        assert!(note(-12e-3, 1e-3, 0.04).is_some(), "at a low rate, 10 ms are enough");
+        assert!(note(9.2e-3, 0.4e-3, 8e-3).is_none());
+        assert!(note(-0.1, 1e-3, 0.0).is_none(), "without a clock");
+    }
+
+    #[test]
+    fn friction_that_would_be_negative_at_most_joints_is_reported() {
+        let none = || joint(&["coulomb_n_m", "viscous_n_m_s"]);
+        let found = of_friction(&[none(), none(), joint(&[])], true).unwrap();
+        assert!(found.contains("at 2 of 3 moving joints"), "{found}");
+        assert!(of_friction(&[none(), joint(&[])], true).is_none());
+        // Viscous friction alone is often too small to be found.
+        assert!(
+            of_friction(&[joint(&["viscous_n_m_s"]), joint(&["viscous_n_m_s"])], true).is_none()
+        );
+        let still = JointEstimate { moved: 0.0, ..none() };
+        assert!(of_friction(&[still, joint(&[])], true).is_none());
+        assert!(of_friction(&[joint(&["coulomb_n_m"])], false).is_some(), "without a clock");
+    }
+
+    #[test]
+    fn breakaway_that_takes_away_all_friction_is_not_separable() {
+        let friction = |coulomb: f64, breakaway: f64| {
+            is_separable(&JointFriction { coulomb, breakaway, ..JointFriction::default() })
+        };
+        assert!(friction(0.5, 0.2) && friction(0.5, -0.3));
+        assert!(!friction(0.8, -0.83) && !friction(18.1, -19.4) && !friction(0.0, -0.1));
     }
 }

@@ -491,6 +491,8 @@ class IdentifiedJoint(TypedDict):
     coulomb_n_m: Uncertain
     asymmetry_n_m: Uncertain
     breakaway_n_m: Uncertain
+    is_breakaway_separable: bool
+    """Whether breakaway is distinguished from how friction changes in reversals."""
     viscous_n_m_s: Uncertain
     rotor_inertia_kg_m2: Uncertain
     bias_n_m: Uncertain
@@ -498,6 +500,8 @@ class IdentifiedJoint(TypedDict):
     presliding_rad: float
     ripple_orders: list[float]
     hysteresis_n_m: float
+    at_zero: list[str]
+    """Names of the values above that would be negative, and are held at zero; their `std` says nothing."""
 
 
 class IdentifiedBody(TypedDict):
