@@ -48,8 +48,18 @@ const UNITS: &[(f64, &[&str])] = &[
     (1e-6, &["microseconds", "micros", "usec", "us", "µs", "μs"]),
     (1e-9, NANOSECONDS),
 ];
-const NANOSECONDS: &[&str] =
-    &["nanoseconds", "nanosecs", "nanosec", "nanos", "nsecs", "nsec", "ns"];
+const NANOSECONDS: &[&str] = &[
+    "nanoseconds",
+    "nano_seconds",
+    "nanosecs",
+    "nano_secs",
+    "nanosec",
+    "nano_sec",
+    "nanos",
+    "nsecs",
+    "nsec",
+    "ns",
+];
 /// Range in which a time without a unit is taken for a Unix time, s: 1998 to 2096.
 const SINCE_1970_S: std::ops::RangeInclusive<f64> = 9e8..=4e9;
 
@@ -266,6 +276,9 @@ mod tests {
             "tsec,tnsec,mp1",
             "time_sec,time_nsec,q1",
             "ZeitInSec,ZeitInNanoSec,axisQMsr_LBR_iiwa_7_R800_1[0]",
+            "time_stamp_sec,time_stamp_nano_sec,measured_joint_position_0",
+            "time_stamp_secs,time_stamp_nano_secs,q1",
+            "sec,nano_secs,q1",
             "header.stamp.sec,header.stamp.nanosec,position[0]",
             "header.stamp.secs,header.stamp.nsecs,Time,position_0",
             "/js/stamp/sec,/js/stamp/nanosec,/camera/stamp/sec,/camera/stamp/nanosec",
