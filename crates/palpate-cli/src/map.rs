@@ -268,7 +268,7 @@ fn begin(
         None => {
             let (mut config, mut calibration) = (settings.config()?, None);
             if is_tuned {
-                let touches = logs::open_more(&args.logs, settings, arm)?;
+                let touches = logs::open_more(&args.logs, settings, arm)?.with_noted_time_units();
                 let chosen = quickly_tuned(touches, (arm, settings, &config), output)?;
                 (config, calibration) = (chosen.config, chosen.calibration);
             }

@@ -100,6 +100,16 @@ fn write_changed(from: &Path, to: &Path, change: impl Fn(&mut Sample)) {
     write_touch(to, &samples);
 }
 
+/// Writes all touches with times that are multiplied by `factor`.
+fn write_in_unit(from: &Path, to: &Path, factor: f64) {
+    for touch in ["seq_0", "seq_1", "seq_2"] {
+        let mut samples = samples(&from.join(touch));
+        let times = samples.iter_mut().filter_map(|sample| sample.time_s.as_mut());
+        times.for_each(|time| *time *= factor);
+        write_touch(&to.join(touch), &samples);
+    }
+}
+
 fn identify(log: &Path) -> Command {
     let mut identify = palpate();
     identify.arg("identify").arg(log);
@@ -268,6 +278,56 @@ fn free_motion_has_no_contact_and_its_largest_torque_is_reported() {
 }
 
 #[test]
+fn times_in_ms_and_ns_give_what_times_in_seconds_give() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let arm = path("arm.toml");
+    write_logs(&path("s"), false);
+    succeed(identify(&path("s")).arg("-o").arg(&arm));
+    let reports = |log: &str, flags: &[&str]| {
+        let (identified, stderr) = printed(identify(&path(log)).arg("--json").args(flags));
+        let (torques, _) = printed(torque(&path(log), &arm).arg("--json").args(flags));
+        (identified.replace(&path(log).display().to_string(), "LOG"), torques, stderr)
+    };
+    let wanted = reports("s", &[]);
+    for (unit, factor) in [("ms", 1e3), ("ns", 1e9)] {
+        write_in_unit(&path("s"), &path(unit), factor);
+        let found = reports(unit, &[]);
+        let note = format!("note: times of `{}` are read as {unit}", path(unit).display());
+        assert_eq!(found.2.matches(&note).count(), 1, "{}", found.2);
+        let given = reports(unit, &["--time-unit", unit]);
+        assert!(!given.2.contains("are read as"), "{}", given.2);
+        for (found, wanted) in [(&found.0, &wanted.0), (&found.1, &wanted.1), (&given.0, &wanted.0)]
+        {
+            let [found, wanted] = [found, wanted].map(|text| serde_json::from_str(text).unwrap());
+            assert_near(&found, &wanted);
+        }
+    }
+}
+
+/// Asserts that two JSON values are equal, numbers to 1e-9.
+fn assert_near(found: &Value, wanted: &Value) {
+    match (found, wanted) {
+        (Value::Number(found), Value::Number(wanted)) => {
+            let [found, wanted] = [found, wanted].map(|number| number.as_f64().unwrap());
+            assert!((found - wanted).abs() <= 1e-9 * wanted.abs().max(1.0), "{found}, {wanted}");
+        }
+        (Value::Array(found), Value::Array(wanted)) => {
+            assert_eq!(found.len(), wanted.len());
+            found.iter().zip(wanted).for_each(|(found, wanted)| assert_near(found, wanted));
+        }
+        (Value::Object(found), Value::Object(wanted)) => {
+            assert!(found.keys().eq(wanted.keys()));
+            found
+                .values()
+                .zip(wanted.values())
+                .for_each(|(found, wanted)| assert_near(found, wanted));
+        }
+        _ => assert_eq!(found, wanted),
+    }
+}
+
+#[test]
 fn what_looks_wrong_with_a_log_is_reported_before_its_torques_are_used() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
@@ -296,10 +356,9 @@ fn what_looks_wrong_with_a_log_is_reported_before_its_torques_are_used() {
     refuse(command.arg("--strict"), 1, &["joint_order", "--strict"]);
     let (_, stderr) = printed(torque(&path("free"), &arm).arg(path("swapped")));
     assert!(stderr.contains("swapped` looks wrong (joint_order)"), "the log is named: {stderr}");
-    let late = |sample: &mut Sample| sample.time_s = sample.time_s.map(|time_s| 1e3 * time_s);
-    write_changed(&path("free"), &path("ms"), late);
+    write_in_unit(&path("free"), &path("ms"), 1e3);
     for command in [&mut torque(&path("ms"), &arm), &mut identify(&path("ms"))] {
-        let (_, stderr) = printed(command);
+        let (_, stderr) = printed(command.args(["--time-unit", "s"]));
         assert!(stderr.contains("(time_unit)"), "{stderr}");
     }
     let small = |sample: &mut Sample| sample.tau.iter_mut().for_each(|tau| *tau *= 1e3);

@@ -343,12 +343,31 @@ fn gaps_and_clocks_that_go_wrong_are_reported() {
     let mut touches = clean();
     touches[0].time_s[30] = touches[0].time_s[29];
     says(&only(&touches, &[], "clock"), &["once", "seq_0 row 30"]);
-    let mut touches = clean();
-    touches.iter_mut().flat_map(|touch| &mut touch.time_s).for_each(|time| *time *= 1e9);
-    says(&only(&touches, &[], "time_unit"), &["nanoseconds"]);
+}
+
+#[test]
+fn times_in_another_unit_are_recognised_and_noted() {
+    let in_unit = |factor: f64| {
+        let mut touches = clean();
+        touches.iter_mut().flat_map(|touch| &mut touch.time_s).for_each(|time| *time *= factor);
+        touches
+    };
+    for (unit, factor) in [("ms", 1e3), ("us", 1e6), ("ns", 1e9)] {
+        let touches = in_unit(factor);
+        let found = only_at("note", &touches, &[], "time_unit");
+        says(&found, &["were read as", unit, "--time-unit"]);
+        let (_, report) = look(&touches, &[]);
+        let period_s = report["paths"][0]["clock"]["period_s"].as_f64().unwrap();
+        assert!((period_s - 0.05).abs() < 1e-9, "{period_s}");
+        nothing(&touches, &["--time-unit", unit]);
+    }
+    let as_s = ["--time-unit", "s"];
+    says(&only(&in_unit(1e9), &as_s, "time_unit"), &["nanoseconds", "--time-unit"]);
     // A period of 2 s is plausible, but the speeds are not: for example a log in ms.
-    touches.iter_mut().flat_map(|touch| &mut touch.time_s).for_each(|time| *time *= 4e-8);
-    says(&only(&touches, &[], "time_unit"), &["2.000 s", "hardly moves", "milliseconds"]);
+    let slow = in_unit(40.0);
+    says(&only(&slow, &as_s, "time_unit"), &["2.000 s", "hardly moves", "milliseconds"]);
+    // No smaller unit gives the rate of a robot's log.
+    says(&only(&in_unit(1e-4), &[], "time_unit"), &["are the times in"]);
 }
 
 #[test]

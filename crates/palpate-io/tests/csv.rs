@@ -4,7 +4,9 @@
 mod common;
 
 use common::events as read_as;
-use palpate_io::log::{AngleUnit, CsvColumns, LogEvent, LogOptions, LogWarning, Sample, open};
+use palpate_io::log::{
+    AngleUnit, CsvColumns, LogEvent, LogOptions, LogWarning, Sample, TimeUnit, open,
+};
 use std::fs;
 use tempfile::TempDir;
 
@@ -238,4 +240,64 @@ fn a_clock_that_stands_still_or_runs_backwards_is_one_warning_a_touch() {
         panic!("a new touch may start a new clock: {:?}", log.warnings())
     };
     assert_eq!((touch.as_str(), *row, *count), ("b", 1, 2));
+}
+
+/// A table of 40 rows, 20 per s, in each of which the joint moves by 0.01 rad; its clock has `per_s` ticks per second
+/// and starts at `start`.
+fn ticking(header: &str, per_s: f64, start: f64) -> String {
+    let row = |row: u32| {
+        format!("{},{},1\n", start + 0.05 * per_s * f64::from(row), 0.01 * f64::from(row))
+    };
+    format!("{header},q1,tau1\n{}", (0..40).map(row).collect::<String>())
+}
+
+/// Time from the first to the last sample, s, of the touches of a log, and the unit that was found.
+fn seconds_of(files: &[(&str, &str)], options: &LogOptions) -> (Vec<f64>, Option<TimeUnit>) {
+    let folder = folder_with(files);
+    let mut log = open(folder.path(), options).unwrap();
+    let mut spans: Vec<[f64; 2]> = Vec::new();
+    let mut starts = false;
+    for event in log.by_ref() {
+        match event.unwrap() {
+            LogEvent::TouchStarts { .. } => starts = true,
+            LogEvent::Sample(Sample { time_s, .. }) => {
+                let time_s = time_s.unwrap();
+                if std::mem::take(&mut starts) {
+                    spans.push([time_s; 2]);
+                }
+                spans.last_mut().unwrap()[1] = time_s;
+            }
+        }
+    }
+    (spans.iter().map(|[first, last]| last - first).collect(), log.found_time_unit())
+}
+
+#[test]
+fn a_unit_of_times_that_no_name_says_is_found_before_touches_are_split_at_gaps() {
+    let split = LogOptions { split_gap_s: Some(1.0), ..LogOptions::default() };
+    let near = |found: Vec<f64>, wanted: &[f64]| {
+        assert_eq!(found.len(), wanted.len(), "{found:?}");
+        assert!(found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?}");
+    };
+    // The last one, nanoseconds after half an hour, could be milliseconds since 1970 by its size.
+    for (per_s, start, unit) in [
+        (1.0, 0.0, None),
+        (1e3, 0.0, Some(TimeUnit::Ms)),
+        (1e6, 1.9e9, Some(TimeUnit::Us)),
+        (1e9, 0.0, Some(TimeUnit::Ns)),
+        (1e3, 1.7e12, None),
+        (1e9, 1.8e12, Some(TimeUnit::Ns)),
+    ] {
+        let (spans, found) = seconds_of(&[("a.csv", &ticking("time", per_s, start))], &split);
+        assert_eq!(found, unit, "{per_s}, {start}");
+        near(spans, &[1.95]);
+    }
+    // A name, or the setting, is not doubted; a file that names its unit has it.
+    let ms = ticking("time", 1e3, 0.0);
+    let seconds = LogOptions { time_unit: Some(TimeUnit::S), ..LogOptions::default() };
+    near(seconds_of(&[("a.csv", &ms)], &seconds).0, &[1950.0]);
+    let named = ticking("time [s]", 1e3, 0.0);
+    near(seconds_of(&[("a.csv", &named)], &LogOptions::default()).0, &[1950.0]);
+    let given = LogOptions { time_unit: Some(TimeUnit::Ms), ..LogOptions::default() };
+    near(seconds_of(&[("a.csv", &named)], &given).0, &[1.95]);
 }

@@ -372,6 +372,7 @@ impl Args {
         let log = &settings.log;
         let given = [
             ("angle_unit", log.angle_unit_given().is_some_and(|unit| unit != AngleUnit::Rad)),
+            ("time_unit", log.time_unit.is_some_and(|unit| unit.given().is_some())),
             ("columns", log.columns.is_some()),
             ("topic", log.topic.is_some()),
             ("touch_topic", log.touch_topic.is_some()),
@@ -383,7 +384,7 @@ impl Args {
         let given: Vec<&str> = given.into_iter().filter(|own| own.1).map(|own| own.0).collect();
         if !given.is_empty() {
             output.warn(&format!(
-                "settings without effect on `live`, where joint states are messages in rad and m: {}",
+                "settings without effect on `live`, where joint states are messages in rad and m with time stamps: {}",
                 given.join(", ")
             ));
         }

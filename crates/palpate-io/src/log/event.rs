@@ -6,7 +6,7 @@ use palpate::Sample;
 use serde::Serialize;
 
 use super::error::LogError;
-use super::options::CsvColumns;
+use super::options::{CsvColumns, TimeUnit};
 
 /// One event of a log.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,6 +29,12 @@ pub trait Log: Iterator<Item = Result<LogEvent, LogError>> + Send {
 
     /// Problems found so far that did not stop the reading.
     fn warnings(&self) -> &[LogWarning];
+
+    /// The unit of times that was found from the first samples, if it is another than names of columns and the size of
+    /// the first time suggest; `None` before the first sample was read.
+    fn found_time_unit(&self) -> Option<TimeUnit> {
+        None
+    }
 }
 
 /// Description of a log, for progress bars and `inspect`.

@@ -31,6 +31,9 @@ pub(super) trait TouchFile: Sized + Send {
     /// The next row: the name of its touch, if the file has a touch column, and its sample.
     fn next_row(&mut self) -> Result<Option<(Option<String>, Sample)>, LogError>;
 
+    /// Ticks per second of the times, if their unit was guessed from the size of the first one that was read.
+    fn guessed_ticks_per_s(&self) -> Option<f64>;
+
     /// Position in the file of the row that was read last, for an error message.
     fn place(&self) -> String;
 }
@@ -123,6 +126,10 @@ impl<F: TouchFile> TouchFiles<F> {
 impl<F: TouchFile> Source for TouchFiles<F> {
     fn describe(&self) -> LogDescription {
         self.description.clone()
+    }
+
+    fn guessed_ticks_per_s(&self) -> Option<f64> {
+        self.current.as_ref().and_then(|(_, file, _)| file.guessed_ticks_per_s())
     }
 
     fn read_on(

@@ -1,6 +1,6 @@
 //! Logs: what a robot recorded while it touched an object, as a stream of events.
 //!
-//! A log is read from its beginning to its end and never held whole in memory, so that a file of
+//! A log is read from its beginning to its end, and at most its first samples are held in memory, so that a file of
 //! any length, a bag and a running robot give the same stream: a touch starts, its samples follow,
 //! the next touch starts. A touch ends where the next one starts or the log ends.
 //!
@@ -18,11 +18,13 @@
 //! | several files that form one log                        | `files`   |
 //! | recognition of the columns of a table                  | `columns` |
 //! | unique names of touches                                | `names`   |
+//! | unit of times that a log does not name                 | `clock`   |
 //!
 //! Torques are returned as logged: gravity and bias are not removed here. Only [`external_truth`]
 //! reads the folder `truth/` beside the touches; a log never does.
 
 mod bag;
+mod clock;
 mod columns;
 mod csv;
 mod error;
@@ -50,10 +52,11 @@ use parquet::ParquetFile;
 use reader::{Reader, Source};
 
 pub use bag::write as bag_write;
+pub use clock::{ClockEvidence, OddClock};
 pub use error::{BagError, LogError, TableError};
 pub use event::{Log, LogDescription, LogEvent, LogFormat, LogWarning, LoggedTorques};
 pub use joints::{JointNameError, reorder, unmatched};
-pub use options::{AngleUnit, CsvColumns, LogOptions};
+pub use options::{AngleUnit, CsvColumns, LogOptions, TimeUnit};
 pub use palpate::Sample;
 pub use truth::{external_truth, is_simulated};
 

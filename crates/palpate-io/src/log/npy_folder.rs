@@ -4,7 +4,9 @@
 //! |---------------|------------------------------------------|------------|------|--------|
 //! | `angles.npy`  | `q.npy`, `joint_positions.npy`, ...      | T x n      | rad  | yes    |
 //! | `torques.npy` | `tau.npy`, `measured_torques.npy`, ...   | T x n      | N·m  | yes    |
-//! | `time.npy`    | `t.npy`, `timestamps_ns.npy`, ...        | T or T x 1 | s    | no     |
+//! | `time.npy`    | `t.npy`, `timestamps_ns.npy`, ...        | T or T x 1 | s ¹  | no     |
+//!
+//! ¹ Or another unit, by [`LogOptions::time_unit`].
 //!
 //! A log is one such folder or a folder of them, read in natural order. The files of a touch are
 //! read in parallel, a block of rows at a time. Shapes and lengths of *all* touches are checked
@@ -114,7 +116,7 @@ impl TouchFile for TouchFolder {
     const FORMAT: LogFormat = LogFormat::NpyFolder;
 
     /// Opens the files of a touch and checks that their shapes agree.
-    fn open(folder: &Path, _: &LogOptions) -> Result<Self, LogError> {
+    fn open(folder: &Path, options: &LogOptions) -> Result<Self, LogError> {
         let arrays = Arrays::of(folder);
         let angles = Table::open(arrays.angles)?;
         let torques = Table::open(arrays.torques)?;
@@ -127,6 +129,7 @@ impl TouchFile for TouchFolder {
             false => Ok(Table::open(path).ok().filter(fits).map(|table| (time, table))),
         });
         let time = time.transpose()?.flatten();
+        let time = time.map(|(time, table)| (time.in_unit(options.time_unit), table));
 
         angles.check_shape()?;
         torques.check_shape()?;
@@ -168,6 +171,10 @@ impl TouchFile for TouchFolder {
             None => None,
         };
         Ok(Some((None, Sample::new(time_s, q, tau))))
+    }
+
+    fn guessed_ticks_per_s(&self) -> Option<f64> {
+        self.time.as_ref().and_then(|(time, _)| time.guessed_ticks_per_s())
     }
 
     fn place(&self) -> String {

@@ -10,6 +10,10 @@ pub struct LogOptions {
     pub columns: Option<CsvColumns>,
     /// Unit of the logged joint positions; `None` means degrees where the name of a column says so, else radians.
     pub angle_unit: Option<AngleUnit>,
+    /// Unit of the logged times of tables and arrays, whatever the name of their column says; `None` takes it from
+    /// the name, else from the size of the times and their steps. Bags, dates and a time in two columns, of seconds
+    /// and nanoseconds, have a known unit.
+    pub time_unit: Option<TimeUnit>,
     /// Topic of a bag that holds the samples; `None` takes the only topic with a supported type.
     pub topic: Option<String>,
     /// Topic of a bag whose messages each start a touch.
@@ -41,6 +45,43 @@ impl AngleUnit {
         if self == Self::Deg {
             q.iter_mut().for_each(|angle| *angle = angle.to_radians());
         }
+    }
+}
+
+/// Unit of logged times.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TimeUnit {
+    /// Seconds.
+    S,
+    /// Milliseconds.
+    Ms,
+    /// Microseconds.
+    Us,
+    /// Nanoseconds.
+    Ns,
+}
+
+impl TimeUnit {
+    /// Units per second.
+    pub fn per_s(self) -> f64 {
+        match self {
+            Self::S => 1.0,
+            Self::Ms => 1e3,
+            Self::Us => 1e6,
+            Self::Ns => 1e9,
+        }
+    }
+}
+
+impl std::fmt::Display for TimeUnit {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::S => "s",
+            Self::Ms => "ms",
+            Self::Us => "us",
+            Self::Ns => "ns",
+        })
     }
 }
 

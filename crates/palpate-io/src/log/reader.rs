@@ -1,16 +1,20 @@
-//! Processing that is common to logs of all formats: unit of angles, clock, gaps in time.
+//! Processing that is common to logs of all formats: units of angles and times, clock, gaps in time.
 //!
 //! A format supplies touches and samples as they are logged ([`Source`]). The reader converts
-//! angles to radians, warns of a clock that stands still or runs backwards, starts a new touch at
+//! angles to radians and times to seconds, warns of a clock that stands still or runs backwards, starts a new touch at
 //! gaps in time if the options say so, and ends a log at its first error.
 
 use std::collections::VecDeque;
 
 use palpate::Sample;
 
+use super::clock::ClockEvidence;
 use super::error::LogError;
 use super::event::{Log, LogDescription, LogEvent, LogWarning};
-use super::options::{AngleUnit, LogOptions};
+use super::options::{AngleUnit, LogOptions, TimeUnit};
+
+/// Most samples that are read ahead to find the unit of times: 20 MB for seven joints.
+const AHEAD: usize = 100_000;
 
 /// A log in one format, before the processing by [`Reader`].
 pub(super) trait Source: Send {
@@ -23,6 +27,12 @@ pub(super) trait Source: Send {
         events: &mut VecDeque<LogEvent>,
         warnings: &mut Vec<LogWarning>,
     ) -> Result<(), LogError>;
+
+    /// Ticks per second of the times in the file that is being read, if they were guessed from the size of the first
+    /// time.
+    fn guessed_ticks_per_s(&self) -> Option<f64> {
+        None
+    }
 }
 
 /// A log being read.
@@ -30,8 +40,13 @@ pub(super) struct Reader {
     source: Box<dyn Source>,
     angle_unit: Option<AngleUnit>,
     split_gap_s: Option<f64>,
-    /// Events that are read but not returned yet.
+    /// Whether the first samples were read ahead to find the unit of times.
+    looked_ahead: bool,
+    /// The unit of times that was found, and how many times of the source are 1 s.
+    time_unit: Option<(TimeUnit, f64)>,
+    /// Events that are read but not returned yet, and the error after them.
     events: VecDeque<LogEvent>,
+    failed: Option<LogError>,
     /// The first sample after a gap, to be returned after the start of its touch.
     after_gap: Option<LogEvent>,
     touch: Touch,
@@ -61,7 +76,10 @@ impl Reader {
             source,
             angle_unit: options.angle_unit,
             split_gap_s: options.split_gap_s,
+            looked_ahead: false,
+            time_unit: None,
             events: VecDeque::new(),
+            failed: None,
             after_gap: None,
             touch: Touch::default(),
             warnings: Vec::new(),
@@ -74,8 +92,21 @@ impl Reader {
         if let Some(sample) = self.after_gap.take() {
             return Ok(Some(sample));
         }
+        if !self.looked_ahead {
+            self.looked_ahead = true;
+            self.find_time_unit();
+        }
         if self.events.is_empty() {
-            self.source.read_on(&mut self.events, &mut self.warnings)?;
+            match self.failed.take() {
+                Some(failed) => return Err(failed),
+                None => self.source.read_on(&mut self.events, &mut self.warnings)?,
+            }
+            if let (Some((unit, per_s)), guessed) =
+                (&mut self.time_unit, self.source.guessed_ticks_per_s())
+            {
+                // A later file may name its unit.
+                *per_s = guessed.map_or(1.0, |guessed_per_s| unit.per_s() / guessed_per_s);
+            }
         }
         match self.events.pop_front() {
             None => Ok(None),
@@ -89,10 +120,50 @@ impl Reader {
         }
     }
 
+    /// Reads the first samples ahead, and finds the unit of their times, if it was guessed for all of them in the same
+    /// way.
+    fn find_time_unit(&mut self) {
+        let mut evidence = ClockEvidence::default();
+        let (mut samples, mut guess, mut more) = (0, None, VecDeque::new());
+        while samples < AHEAD {
+            if let Err(failed) = self.source.read_on(&mut more, &mut self.warnings) {
+                self.failed = Some(failed);
+                break;
+            }
+            if more.is_empty() {
+                break;
+            }
+            let guessed = self.source.guessed_ticks_per_s();
+            let is_known = guessed.is_none() || guess.is_some_and(|guess| Some(guess) != guessed);
+            for event in &more {
+                match event {
+                    LogEvent::TouchStarts { .. } => evidence.touch_starts(),
+                    LogEvent::Sample(sample) => {
+                        evidence.add(sample, self.angle_unit.unwrap_or_default());
+                        samples += 1;
+                    }
+                }
+            }
+            self.events.append(&mut more);
+            if is_known {
+                return;
+            }
+            guess = guessed;
+        }
+        let odd = evidence.odd();
+        let found = odd
+            .zip(guess)
+            .and_then(|(odd, guess_per_s)| odd.unit(guess_per_s).zip(Some(guess_per_s)));
+        self.time_unit = found.map(|(unit, guess_per_s)| (unit, unit.per_s() / guess_per_s));
+    }
+
     /// The event for a sample: the sample itself or, after a gap, the start of a touch before it.
     fn sample(&mut self, mut sample: Sample) -> Result<LogEvent, LogError> {
         if let Some(unit) = self.angle_unit {
             unit.into_rad(&mut sample.q);
+        }
+        if let (Some((_, per_s)), Some(time_s)) = (self.time_unit, &mut sample.time_s) {
+            *time_s /= per_s;
         }
         let before_s = std::mem::replace(&mut self.touch.before_s, sample.time_s);
         self.watch_clock(before_s, sample.time_s);
@@ -152,5 +223,9 @@ impl Log for Reader {
 
     fn warnings(&self) -> &[LogWarning] {
         &self.warnings
+    }
+
+    fn found_time_unit(&self) -> Option<TimeUnit> {
+        self.time_unit.map(|(unit, _)| unit)
     }
 }

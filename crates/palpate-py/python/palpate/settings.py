@@ -38,6 +38,7 @@ class LogSettings(TypedDict, total=False):
     """How logs are read."""
 
     angle_unit: Literal["auto", "rad", "deg"]
+    time_unit: Literal["auto", "s", "ms", "us", "ns"]
     columns: Mapping[str, str | Sequence[str]]
     topic: str
     touch_topic: str

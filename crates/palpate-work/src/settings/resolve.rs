@@ -166,7 +166,8 @@ impl LogSettings {
     /// How to open logs.
     pub fn options(&self) -> LogOptions {
         let angle_unit = self.angle_unit_given();
-        let mut options = LogOptions { angle_unit, ..LogOptions::default() };
+        let time_unit = self.time_unit.and_then(OrAuto::given);
+        let mut options = LogOptions { angle_unit, time_unit, ..LogOptions::default() };
         self.set(&mut options);
         options
     }

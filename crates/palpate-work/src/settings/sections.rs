@@ -11,7 +11,7 @@ use clap::Args;
 use palpate::{
     ContactConfig, EstimatorConfig, EstimatorKind, ExternalTorqueConfig, Gravity, TorqueSign,
 };
-use palpate_io::log::{AngleUnit, CsvColumns, LogOptions};
+use palpate_io::log::{AngleUnit, CsvColumns, LogOptions, TimeUnit};
 use palpate_io::robot_files::ArmOptions;
 use serde::{Deserialize, Serialize};
 
@@ -160,6 +160,13 @@ section! {
         /// [default: auto]
         #[arg(long, value_name = "UNIT", value_parser = named::<OrAuto<AngleUnit>>(&["auto", "rad", "deg"]))]
         pub angle_unit: OrAuto<AngleUnit>,
+        /// Unit of logged times in tables and arrays; `auto` takes it from the name of the column, or else from the
+        /// data [default: auto]
+        #[arg(
+            long, value_name = "UNIT",
+            value_parser = named::<OrAuto<TimeUnit>>(&["auto", "s", "ms", "us", "ns"])
+        )]
+        pub time_unit: OrAuto<TimeUnit>,
         /// Columns of a CSV log, if their names do not say what they are: q=a,b;tau=c,d;time=t;touch=n (the
         /// last two if there are any); in a settings file columns = { q = ["a", "b"], tau = ["c", "d"],
         /// time = "t" }. In a log without a header, by column numbers from 1

@@ -18,6 +18,7 @@ impl Settings {
         all.robot.robot = Some(self.robot.name().to_owned());
         all.log.take(&self.log.options());
         all.log.angle_unit.get_or_insert(OrAuto::AUTO);
+        all.log.time_unit.get_or_insert(OrAuto::AUTO);
         all.log.split_idle.get_or_insert_default();
         all.log.strict.get_or_insert_default();
         all.log.idle_s.get_or_insert(PauseConfig::default().idle_s);

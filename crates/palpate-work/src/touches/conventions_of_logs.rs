@@ -77,7 +77,8 @@ impl Touches {
     }
 
     /// Finds out whether positions are in degrees, if neither the settings nor the names of columns give the unit. If
-    /// so, they are read as degrees, the settings get that unit, and a note says why.
+    /// so, they are read as degrees, the settings get that unit, and a note says why. Another note names the unit of
+    /// times, if it was found from the data.
     ///
     /// # Errors
     ///
@@ -90,6 +91,8 @@ impl Touches {
         progress: &dyn Progress,
     ) -> Result<(), WorkError> {
         settings.log.check_for(&arm.robot)?;
+        self.logs.look_ahead(AHEAD).for_each(drop);
+        self.note_time_units(progress);
         if settings.log.angle_unit_given().is_some() {
             return Ok(());
         }

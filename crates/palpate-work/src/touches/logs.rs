@@ -49,6 +49,11 @@ impl Logs {
         !self.unit_said[log]
     }
 
+    /// Number of logs of which samples were read.
+    pub(super) fn begun(&self) -> usize {
+        self.logs.len().min(self.reading + 1)
+    }
+
     /// The logs with their paths.
     pub(super) fn all(&self) -> impl Iterator<Item = &(PathBuf, Box<dyn Log>)> {
         self.logs.iter()

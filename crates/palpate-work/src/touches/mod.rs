@@ -20,7 +20,8 @@ use std::sync::Arc;
 use palpate::{Arm, ContactConfig, ExternalTorqueConfig, Lattice, MapperError, Sample};
 use palpate_io::input;
 use palpate_io::log::{
-    self, AngleUnit, Log, LogDescription, LogEvent, LogOptions, LogWarning, LoggedTorques, reorder,
+    self, AngleUnit, Log, LogDescription, LogEvent, LogOptions, LogWarning, LoggedTorques,
+    TimeUnit, reorder,
 };
 
 use crate::error::WorkError;
@@ -67,6 +68,8 @@ pub struct Touches {
     checked: (AngleUnit, bool),
     /// Codes of the findings that were reported already.
     reported: HashSet<&'static str>,
+    /// Number of the first log whose unit of times was not noted yet.
+    clocks_noted: usize,
 }
 
 impl Touches {
@@ -368,8 +371,32 @@ impl Touches {
         self.logs.all().flat_map(|(_, log)| log.warnings())
     }
 
+    /// The logs of whose times the unit was found so far, with this unit.
+    pub(crate) fn found_time_units(&self) -> impl Iterator<Item = (&Path, TimeUnit)> {
+        self.logs.all().filter_map(|(path, log)| Some((&**path, log.found_time_unit()?)))
+    }
+
+    /// The same logs, whose units of times were noted when they were opened before.
+    #[must_use]
+    pub fn with_noted_time_units(self) -> Self {
+        Self { clocks_noted: usize::MAX, ..self }
+    }
+
+    /// Notes the unit of times that was found in the logs that were begun, once for each.
+    fn note_time_units(&mut self, progress: &dyn Progress) {
+        let begun = self.logs.begun();
+        for (path, log) in self.logs.all().take(begun).skip(self.clocks_noted) {
+            if let Some(unit) = log.found_time_unit() {
+                let path = path.display();
+                progress.note(&format!("times of `{path}` are read as {unit} (--time-unit)"));
+            }
+        }
+        self.clocks_noted = self.clocks_noted.max(begun);
+    }
+
     /// Warns of what looked odd in the logs.
-    pub fn report_warnings(&self, progress: &dyn Progress) {
+    pub fn report_warnings(&mut self, progress: &dyn Progress) {
+        self.note_time_units(progress);
         for (path, log) in self.logs.all() {
             for warning in log.warnings() {
                 progress.warn(&format!("`{}`: {warning}", path.display()));

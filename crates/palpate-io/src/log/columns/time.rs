@@ -8,14 +8,18 @@ use jiff::civil::DateTime;
 use jiff::tz::TimeZone;
 use regex::Regex;
 
+use crate::log::options::TimeUnit;
+
 /// The columns of the time, and its unit.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::log) struct Time {
     place: usize,
     /// Column of nanoseconds that are added to the seconds in `place`.
     nanoseconds: Option<usize>,
-    /// Unit of the time, s; `None` until it is known.
-    unit_s: Option<f64>,
+    /// Ticks of the time per second; `None` until they are known.
+    per_s: Option<f64>,
+    /// Whether the unit was guessed from the size of the first number.
+    is_guessed: bool,
 }
 
 /// Names of a time in lower case, without the unit; earlier patterns have priority.
@@ -41,12 +45,12 @@ fn regex(pattern: &str) -> Regex {
     Regex::new(pattern).expect("names fit a pattern")
 }
 
-/// Units of time, s, with their names.
+/// Units of time, per second, with their names.
 const UNITS: &[(f64, &[&str])] = &[
     (1.0, &["seconds", "secs", "sec", "s"]),
-    (1e-3, &["milliseconds", "millis", "msec", "ms"]),
-    (1e-6, &["microseconds", "micros", "usec", "us", "µs", "μs"]),
-    (1e-9, NANOSECONDS),
+    (1e3, &["milliseconds", "millis", "msec", "ms"]),
+    (1e6, &["microseconds", "micros", "usec", "us", "µs", "μs"]),
+    (1e9, NANOSECONDS),
 ];
 const NANOSECONDS: &[&str] = &[
     "nanoseconds",
@@ -81,8 +85,8 @@ impl Time {
             let time = Self::in_one(&names)?;
             // `rostopic echo -p` writes nanoseconds.
             let is_of_rostopic = names.iter().any(|name| name.starts_with("field."));
-            let unit_s = time.unit_s.or(is_of_rostopic.then_some(1e-9));
-            Some(Self { unit_s, ..time })
+            let per_s = time.per_s.or(is_of_rostopic.then_some(1e9));
+            Some(Self { per_s, ..time })
         };
         of_libfranka(header).or_else(|| in_two(&names)).or_else(in_one)
     }
@@ -92,7 +96,7 @@ impl Time {
         let plain: Vec<(&str, Option<f64>)> = names.iter().map(|name| parted(name)).collect();
         let called = |pattern: &Regex| plain.iter().position(|(name, _)| pattern.is_match(name));
         let place = TIMES.iter().find_map(called)?;
-        Some(Self { place, nanoseconds: None, unit_s: plain[place].1 })
+        Some(Self { place, nanoseconds: None, per_s: plain[place].1, is_guessed: false })
     }
 
     /// The time in a given column, with an optional column of nanoseconds; the unit follows from the name of the
@@ -100,8 +104,18 @@ impl Time {
     pub(in crate::log) fn at(place: usize, nanoseconds: Option<usize>, header: &[String]) -> Self {
         let said = || parted(&header[place].trim().to_lowercase()).1;
         let of_libfranka = of_libfranka(header).filter(|time| time.place == place);
-        let unit_s = of_libfranka.map_or_else(said, |time| time.unit_s);
-        Self { place, nanoseconds, unit_s }
+        let per_s = of_libfranka.map_or_else(said, |time| time.per_s);
+        Self { place, nanoseconds, per_s, is_guessed: false }
+    }
+
+    /// The same columns in a given unit, if there is one, whatever their names say.
+    pub(in crate::log) fn in_unit(self, given: Option<TimeUnit>) -> Self {
+        Self { per_s: given.map(TimeUnit::per_s).or(self.per_s), ..self }
+    }
+
+    /// Ticks per second, as guessed from the size of the first number; `None` if the unit is known.
+    pub(in crate::log) fn guessed_ticks_per_s(&self) -> Option<f64> {
+        self.per_s.filter(|_| self.is_guessed)
     }
 
     /// Indices of its columns.
@@ -122,8 +136,9 @@ impl Time {
     ) -> Result<f64, E> {
         let time = number(self.place)?;
         let Some(place) = self.nanoseconds else {
-            let unit_s = *self.unit_s.get_or_insert_with(|| unit_of(time));
-            return Ok(time * unit_s);
+            self.is_guessed |= self.per_s.is_none();
+            let per_s = *self.per_s.get_or_insert_with(|| unit_of(time));
+            return Ok(time / per_s);
         };
         let nanoseconds = number(place)?;
         // Either column may contain the whole time, in its own unit.
@@ -146,17 +161,17 @@ pub(in crate::log) fn date_s(text: &str) -> Option<f64> {
     moment.map(|moment| moment.as_duration().as_secs_f64())
 }
 
-/// Guesses the unit of a time, s: ms, µs or ns if the time is then within [`SINCE_1970_S`], else s.
+/// Guesses the ticks per second of a time: ms, µs or ns if the time is then within [`SINCE_1970_S`], else s.
 fn unit_of(time: f64) -> f64 {
-    let is_now = |unit_s: &f64| SINCE_1970_S.contains(&(time * unit_s));
-    [1e-3, 1e-6, 1e-9].into_iter().find(is_now).unwrap_or(1.0)
+    let is_now = |per_s: &f64| SINCE_1970_S.contains(&(time / per_s));
+    [1e3, 1e6, 1e9].into_iter().find(is_now).unwrap_or(1.0)
 }
 
 /// The time in a table of libfranka; `None` for other tables.
 fn of_libfranka(header: &[String]) -> Option<Time> {
     let place = |wanted: &str| header.iter().position(|name| name.trim() == wanted);
     let place = LIBFRANKA.iter().find_map(|[time, other]| place(other).and(place(time)))?;
-    Some(Time { place, nanoseconds: None, unit_s: Some(1e-3) })
+    Some(Time { place, nanoseconds: None, per_s: Some(1e3), is_guessed: false })
 }
 
 /// Two columns whose names differ only in `sec` and `nanosec`; names with `stamp` have priority.
@@ -167,19 +182,21 @@ fn in_two(names: &[String]) -> Option<Time> {
             other.strip_prefix(stem).is_some_and(|unit| UNITS[0].1.contains(&unit))
         };
         let seconds = names.iter().position(is_of_seconds)?;
-        Some(Time { place: seconds, nanoseconds: Some(place), unit_s: Some(1.0) })
+        let (nanoseconds, per_s) = (Some(place), Some(1.0));
+        Some(Time { place: seconds, nanoseconds, per_s, is_guessed: false })
     };
     let mut found: Vec<Time> = names.iter().enumerate().filter_map(of_place).collect();
     found.sort_by_key(|time| !names[time.place].contains("stamp"));
     found.into_iter().next()
 }
 
-/// Splits a name in lower case, such as `time [ms]` or `record_time_nsec`, into the name and its unit, s, if any.
+/// Splits a name in lower case, such as `time [ms]` or `record_time_nsec`, into the name and its unit, per second, if
+/// any.
 fn parted(name: &str) -> (&str, Option<f64>) {
     let Some(found) = WITH_UNIT.captures(name) else { return (name, None) };
     let unit = found.name("unit").map(|unit| unit.as_str());
     let said = UNITS.iter().find(|(_, names)| unit.is_some_and(|unit| names.contains(&unit)));
-    (found.name("name").map_or(name, |name| name.as_str()), said.map(|(unit_s, _)| *unit_s))
+    (found.name("name").map_or(name, |name| name.as_str()), said.map(|(per_s, _)| *per_s))
 }
 
 #[cfg(test)]
@@ -257,10 +274,10 @@ mod tests {
 
     #[test]
     fn since_1970_its_unit_follows_from_its_size_in_the_first_row() {
-        for unit_s in [1.0, 1e-3, 1e-6, 1e-9] {
+        for per_s in [1.0, 1e3, 1e6, 1e9] {
             for header in ["timestamp,q1", "stamp,q1"] {
-                let found = seconds(header, &[1.7e9 / unit_s]).unwrap();
-                assert!((found - 1.7e9).abs() < 1e-6, "{header}, {unit_s}: {found}");
+                let found = seconds(header, &[1.7e9 * per_s]).unwrap();
+                assert!((found - 1.7e9).abs() < 1e-6, "{header}, {per_s}: {found}");
             }
         }
         let mut since_start = find("time").unwrap();

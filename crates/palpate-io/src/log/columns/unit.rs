@@ -1,16 +1,27 @@
-//! Unit of the positions, from the names of their columns.
+//! Unit of the positions, from the names of their columns, and the given unit of times.
 
-use super::super::options::{AngleUnit, CsvColumns};
-use super::Columns;
+use super::super::options::{AngleUnit, CsvColumns, LogOptions};
+use super::{Columns, Time};
 
 impl Columns {
-    /// Returns the columns, or an error if a name contradicts the given unit. Without a given unit, columns whose names
-    /// say degrees are marked in `degrees`. The error is the end of a message to the user.
-    pub(in crate::log) fn in_unit(
+    /// As [`Self::in_unit`], for angles and times.
+    pub(in crate::log) fn in_units(
         self,
         header: &[String],
-        unit: Option<AngleUnit>,
+        options: &LogOptions,
     ) -> Result<Self, String> {
+        let time = self.time.clone().map(|time| time.in_unit(options.time_unit));
+        Self { time, ..self }.in_unit(header, options.angle_unit)
+    }
+
+    /// Ticks per second of the times, if their unit was guessed from the size of the first one.
+    pub(in crate::log) fn guessed_ticks_per_s(&self) -> Option<f64> {
+        self.time.as_ref().and_then(Time::guessed_ticks_per_s)
+    }
+
+    /// Returns the columns, or an error if a name contradicts the given unit. Without a given unit, columns whose names
+    /// say degrees are marked in `degrees`. The error is the end of a message to the user.
+    fn in_unit(self, header: &[String], unit: Option<AngleUnit>) -> Result<Self, String> {
         let says = |place: usize, unit: AngleUnit| says(&header[place], unit);
         let Some(given) = unit else {
             let degrees = self.q.iter().map(|&place| says(place, AngleUnit::Deg)).collect();

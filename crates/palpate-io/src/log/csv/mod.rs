@@ -105,7 +105,7 @@ impl TouchFile for CsvFile {
             if first.is_none() {
                 first = next_record(&mut reader, delimiter, path)?;
             }
-            let index = Time::at(0, None, &header);
+            let index = Time::at(0, None, &header).in_unit(options.time_unit);
             let is_date = |row: &ByteRecord| index.of_date(|place| cell(row, place)).is_some();
             columns.time = first.as_ref().is_some_and(is_date).then_some(index);
         }
@@ -151,6 +151,10 @@ impl TouchFile for CsvFile {
         Ok(Some((touch, self.sample(&record)?)))
     }
 
+    fn guessed_ticks_per_s(&self) -> Option<f64> {
+        self.columns.guessed_ticks_per_s()
+    }
+
     fn place(&self) -> String {
         format!("line {}", self.line())
     }
@@ -170,7 +174,7 @@ fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
         true => Columns::find_planned(header)?,
         false => Columns::find(header, options.columns.as_ref())?,
     };
-    columns.in_unit(header, options.angle_unit)
+    columns.in_units(header, options)
 }
 
 /// The next row that is not blank, or `None` at the end.

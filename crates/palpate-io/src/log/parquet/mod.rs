@@ -152,6 +152,10 @@ impl TouchFile for ParquetFile {
         Ok(Some((touch, Sample::new(time_s, q, tau))))
     }
 
+    fn guessed_ticks_per_s(&self) -> Option<f64> {
+        self.columns.guessed_ticks_per_s()
+    }
+
     fn place(&self) -> String {
         format!("row {} (from 0)", self.row.saturating_sub(1))
     }
@@ -277,7 +281,8 @@ fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
             degrees: Vec::new(),
             joint_names: None,
             named_in_row: None,
-            time: first(&["timestamp"]).map(|place| Time::at(place, None, header)),
+            time: first(&["timestamp"])
+                .map(|place| Time::at(place, None, header).in_unit(options.time_unit)),
             touch: first(&["episode_index"]),
             torques: LoggedTorques::Unknown,
         }),
@@ -292,7 +297,7 @@ fn columns(header: &[String], options: &LogOptions) -> Result<Columns, String> {
                 let remedy = "which are supported in CSV only: name the columns, in the order of the robot's joints";
                 return Err(format!("the rows contain names of joints, {remedy}"));
             }
-            columns.in_unit(header, options.angle_unit)
+            columns.in_units(header, options)
         }
     }
 }

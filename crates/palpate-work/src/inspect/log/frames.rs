@@ -1,26 +1,19 @@
 //! Findings that show in the frames alone, without the robot's model: repeated frames, the clock.
 
 use palpate::Robot;
+use palpate_io::log::{AngleUnit, ClockEvidence, OddClock};
 use palpate_learn::identify::ReadTimes;
 use serde::Serialize;
 
 use super::super::finding::Finding;
 use super::super::words::{counted, number, times};
 use crate::quantile::{extremes, median, quantile};
-use crate::touches::RecordedTouch;
+use crate::touches::{RecordedTouch, Touches};
 
 /// From this number of identical frames at the start on, the sensor has no noise, which another finding reports.
 pub(super) const NOISELESS_START: usize = 5;
 /// A time step longer than this multiple of the median is a gap.
 const GAP: f64 = 3.0;
-/// Plausible range of the median time step, s; outside of it, the unit is probably not s.
-const BELIEVABLE_PERIOD_S: [f64; 2] = [1e-5, 5.0];
-/// A clock is probably in ms if the median step is at least this, and no joint reaches the speed `CRAWLS`, rad/s or
-/// m/s, although the log has `CRAWLS_FRAMES` frames and a joint moves by `CRAWLS_ALL_THE_WAY`, rad or m.
-const MIN_PERIOD_MS: f64 = 0.5;
-const CRAWLS: f64 = 0.02;
-const CRAWLS_FRAMES: usize = 200;
-const CRAWLS_ALL_THE_WAY: f64 = 0.1;
 
 /// The clock of a log.
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -61,7 +54,7 @@ pub(super) fn findings(touches: &[RecordedTouch]) -> Vec<Finding> {
     let mut findings = Vec::from_iter(duplicates(touches));
     findings.extend(copies(touches));
     if let Some(clock) = clock(touches) {
-        findings.extend(time_unit(&clock, touches));
+        findings.extend(time_unit(touches));
         findings.extend(gaps(touches, clock.period_s));
     }
     findings.extend(backwards(touches));
@@ -127,39 +120,34 @@ fn copies(touches: &[RecordedTouch]) -> Option<Finding> {
     Finding::at_places("duplicate_touches", &copies.collect::<Vec<_>>(), what, remedy)
 }
 
-/// A clock that is not in seconds.
-fn time_unit(clock: &ClockFacts, touches: &[RecordedTouch]) -> Option<Finding> {
-    let [least, most] = BELIEVABLE_PERIOD_S;
-    let is_slow = clock.period_s >= MIN_PERIOD_MS && crawls(touches);
-    (is_slow || !(least..=most).contains(&clock.period_s)).then(|| {
-        let period_s = number(clock.period_s);
-        let slowly = if is_slow { ", in which the arm hardly moves" } else { "" };
-        let what = format!(
-            "the median time step is {period_s} s{slowly}: are the times in milliseconds or \
-             nanoseconds?"
-        );
-        let remedy = "save seconds: `identify`, `torque` and --arm compute speeds from the times; maps without --arm \
-                      need no times, but sampling rate and gaps cannot be checked";
-        Finding::warning("time_unit", what, remedy)
-    })
+/// A clock that is probably not in the unit in which it was read.
+fn time_unit(touches: &[RecordedTouch]) -> Option<Finding> {
+    let mut evidence = ClockEvidence::default();
+    for touch in touches {
+        evidence.touch_starts();
+        touch.samples.iter().for_each(|sample| evidence.add(sample, AngleUnit::Rad));
+    }
+    let OddClock { period_s, crawls, .. } = evidence.odd()?;
+    let period_s = number(period_s);
+    let slowly = if crawls { ", in which the arm hardly moves" } else { "" };
+    let what = format!(
+        "the median time step is {period_s} s{slowly}: are the times in milliseconds or nanoseconds?"
+    );
+    let remedy = "give the unit (--time-unit), or save seconds: `identify`, `torque` and --arm compute speeds from the \
+                  times; maps without --arm need no times, but sampling rate and gaps cannot be checked";
+    Some(Finding::warning("time_unit", what, remedy))
 }
 
-/// Whether the arm moves, but always slower than [`CRAWLS`].
-fn crawls(touches: &[RecordedTouch]) -> bool {
-    let samples = || touches.iter().flat_map(|touch| &touch.samples);
-    if samples().count() < CRAWLS_FRAMES {
-        return false;
-    }
-    let joints = samples().map(|sample| sample.q.len()).min().unwrap_or(0);
-    let range = |j: usize| extremes(samples().map(|sample| sample.q[j]));
-    let moves = (0..joints).filter_map(range).any(|[low, high]| high - low > CRAWLS_ALL_THE_WAY);
-    let pairs = touches.iter().flat_map(|touch| touch.samples.windows(2));
-    let speeds = pairs.map(|pair| {
-        let ways = pair[0].q.iter().zip(&pair[1].q).map(|(a, b)| (b - a).abs());
-        let step_s = pair[0].time_s.zip(pair[1].time_s).map_or(0.0, |(from, to)| to - from);
-        if step_s > 0.0 { ways.fold(0.0, f64::max) / step_s } else { 0.0 }
-    });
-    moves && speeds.fold(0.0, f64::max) < CRAWLS
+/// The unit of the times of each log in which it was found from the data.
+pub(super) fn found_time_units(log: &Touches) -> impl Iterator<Item = Finding> {
+    log.found_time_units().map(|(path, unit)| {
+        let what = format!(
+            "times of `{}` were read as {unit}: as seconds, their steps or the motions are too slow for a robot",
+            path.display()
+        );
+        let remedy = format!("nothing to do; write seconds, or give --time-unit {unit}");
+        Finding::warning("time_unit", what, remedy).noted()
+    })
 }
 
 /// Time steps that are far longer than usual.

@@ -137,6 +137,7 @@ impl LogInspector<'_> {
         let (robot, settings) = (&self.arm.robot, &self.settings.log);
         let mut touches = self.read(&mut log);
         self.findings.extend(log.warnings().filter_map(left_out));
+        self.findings.extend(frames::found_time_units(&log));
         if log.are_currents() {
             let [what, remedy] = CURRENTS;
             self.findings.push(Finding::warning("currents", what.to_owned(), remedy));
