@@ -231,10 +231,6 @@ impl Posterior {
     pub(super) fn residual_variance(&self) -> f64 {
         self.noise.iter().zip(&self.efforts).map(|(noise, effort)| (noise / effort).powi(2)).sum()
     }
-
-    pub(super) fn n_joints(&self) -> usize {
-        self.n_joints
-    }
 }
 
 /// Inverse of a block arrow matrix: a shared part (the masses), and blocks (joints) that are coupled to it but not to

@@ -176,36 +176,11 @@ pub(super) fn of(
     }
     model.alarm = found.alarm;
     model.causal = found.causal;
-    let joints: Vec<JointEstimate> = (0..posterior.n_joints())
-        .map(|j| {
-            let at = posterior.joint(j);
-            let gain = posterior.gain(j);
-            let by_gain = |k: usize| {
-                let value = posterior.mean[at + 1 + k] / gain;
-                // Set to zero as in the model.
-                let value = if NEVER_NEGATIVE.contains(&k) { value.max(0.0) } else { value };
-                value_of(posterior, &[(at + 1 + k, 1.0 / gain), (at, -value / gain)], value)
-            };
-            // The mean over the touches: the constant plus their offsets.
-            let bias = posterior.mean_bias(j);
-            JointEstimate {
-                name: model.joints[j].name.clone(),
-                moved: motion.moved[j],
-                coulomb_n_m: by_gain(0),
-                asymmetry_n_m: by_gain(1),
-                breakaway_n_m: by_gain(2),
-                is_breakaway_separable: is_separable(&model.joints[j].friction),
-                viscous_n_m_s: by_gain(3),
-                rotor_inertia_kg_m2: by_gain(4),
-                bias_n_m: value_of(posterior, &bias, model.joints[j].bias[0]),
-                gain: value_of(posterior, &[(at, 1.0)], gain),
-                presliding_rad: settings.turning[j].presliding,
-                ripple_orders: model.joints[j].ripple.iter().map(|own| own.order).collect(),
-                hysteresis_n_m: found.noise[j].turning,
-                at_zero: at_zero(posterior, j),
-            }
-        })
-        .collect();
+    let joint = |(j, joint): (usize, &JointModel)| {
+        let presliding_rad = settings.turning[j].presliding;
+        joint_estimate(posterior, (j, joint), motion.moved[j], presliding_rad)
+    };
+    let joints = model.joints.iter().enumerate().map(joint).collect();
     let payload = payload(robot, config, posterior);
     let (all, identified) = base_parameters(robot, posterior);
     let (delay, std) = posterior.delay();
@@ -230,6 +205,41 @@ pub(super) fn of(
     identified.misfit = misfit(&identified, motion);
     identified.notes = notes(&identified, (motion, fit), robot);
     identified
+}
+
+/// The estimates of joint `j`.
+fn joint_estimate(
+    posterior: &Posterior,
+    (j, joint): (usize, &JointModel),
+    moved: f64,
+    presliding_rad: f64,
+) -> JointEstimate {
+    let at = posterior.joint(j);
+    let gain = posterior.gain(j);
+    let by_gain = |k: usize| {
+        let value = posterior.mean[at + 1 + k] / gain;
+        // Set to zero as in the model.
+        let value = if NEVER_NEGATIVE.contains(&k) { value.max(0.0) } else { value };
+        value_of(posterior, &[(at + 1 + k, 1.0 / gain), (at, -value / gain)], value)
+    };
+    // The mean over the touches: the constant plus their offsets.
+    let bias = posterior.mean_bias(j);
+    JointEstimate {
+        name: joint.name.clone(),
+        moved,
+        coulomb_n_m: by_gain(0),
+        asymmetry_n_m: by_gain(1),
+        breakaway_n_m: by_gain(2),
+        is_breakaway_separable: is_separable(&joint.friction),
+        viscous_n_m_s: by_gain(3),
+        rotor_inertia_kg_m2: by_gain(4),
+        bias_n_m: value_of(posterior, &bias, joint.bias[0]),
+        gain: value_of(posterior, &[(at, 1.0)], gain),
+        presliding_rad,
+        ripple_orders: joint.ripple.iter().map(|own| own.order).collect(),
+        hysteresis_n_m: joint.noise.turning,
+        at_zero: at_zero(posterior, j),
+    }
 }
 
 /// Whether breakaway is distinguished from friction in reversals ([`LEAST_SLOW`]).

@@ -1,7 +1,5 @@
 //! The error of an extrapolation on held-out touches, by which its method is chosen.
 
-use std::fmt;
-
 use palpate_learn::evaluation::MeanStd;
 use palpate_learn::extrapolate::ExtrapolationMethod;
 use palpate_learn::extrapolate::compare::{ComparisonPlan, VariantErrors};
@@ -59,16 +57,19 @@ impl HeldOutErrors {
     pub(crate) fn helps(&self) -> bool {
         self.with.mean <= (1.0 + MARGIN / 2.0) * self.without.mean
     }
-}
 
-impl fmt::Display for HeldOutErrors {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    /// What to say if they do not help; `fills`: whether the expected stiffness is to be written into the field.
+    pub(super) fn warning(&self, fills: bool) -> String {
         let (with, without, relative) = (self.with.mean, self.without.mean, self.relative);
         let unit = if relative { " of that of predicting zero" } else { " N·m" };
-        write!(
-            f,
+        let so = if fills {
+            "so the field gets no extrapolated stiffness (give --method to add it in any case)"
+        } else {
+            "so even the order of the stiffness in the cloud may be wrong"
+        };
+        format!(
             "one half of the touches was predicted from the other half: with the extrapolated stiffness, the error is \
-             {with:.3}{unit}, without it {without:.3}"
+             {with:.3}{unit}, without it {without:.3}; {so}"
         )
     }
 }
@@ -137,6 +138,6 @@ mod tests {
         assert_eq!((method, found.relative), (ExtrapolationMethod::Cells, false));
         let MeanStd { mean, std } = found.with;
         assert!((mean - 0.1).abs() < 1e-9 && (std - 0.05 * 2_f64.sqrt()).abs() < 1e-9, "{std}");
-        assert!(found.to_string().contains("0.100 N·m"), "{found}");
+        assert!(found.warning(true).contains("0.100 N·m"), "{found:?}");
     }
 }

@@ -170,12 +170,7 @@ impl ExtrapolationJob<'_> {
         let cells = match held_out.filter(|found| !found.helps()) {
             None => extrapolation.cells(&seen, &self.saved.field.lattice, &config),
             Some(found) => {
-                let so = if self.fills {
-                    "so the field gets no extrapolated stiffness (give --method to add it in any case)"
-                } else {
-                    "so even the order of the stiffness in the cloud may be wrong"
-                };
-                progress.warn(&format!("{found}; {so}"));
+                progress.warn(&found.warning(self.fills));
                 Vec::new()
             }
         };

@@ -224,46 +224,24 @@ impl Touches {
         match decided {
             Ok(found) => {
                 let by_work = evidence.sign_by_work().filter(|_| found.gravity == Gravity::Removed);
-                let is_contradicted = by_work.is_some_and(|own| own != found.torque_sign);
-                if found.is_without_torque() {
-                    progress.warn(&format!("`{path}`: {found}"));
-                } else if !is_contradicted {
-                    // Else the check of the log warns.
-                    let unless_led = match torque_sign {
-                        None if found.is_by_work() => {
-                            "; if a person or another machine moved the arm, it is the other sign (--torque-sign)"
-                        }
-                        _ => "",
-                    };
-                    progress.note(&format!("`{path}`: {found}{unless_led}"));
+                // If the given sign contradicts the work, the check of the log warns.
+                if by_work.is_none_or(|own| own == found.torque_sign) {
+                    report(&path, found, torque_sign.is_some(), progress);
                 }
                 settings.torque_sign = Some(OrAuto::Is(found.torque_sign));
                 settings.gravity = Some(OrAuto::Is(found.gravity));
+                Ok(())
             }
             Err(Undecided::NoFit(of))
                 if of.is_like_currents() && if_undecided == IfUndecided::TakeForCurrents =>
             {
                 self.treat_as_currents();
-                return self.conventions_of_currents(settings, progress);
+                self.conventions_of_currents(settings, progress)
             }
             // The given part is wrong, and the check of the log warns of it.
-            Err(_) if evidence.decide(KnownConvention::default()).is_ok() => {}
-            Err(undecided) => {
-                let text = format!("`{path}`: {undecided}");
-                match (undecided, if_undecided) {
-                    // Perhaps only the unit or the payload is wrong.
-                    (Undecided::NoFit(of), _)
-                        if of.negated_joints().is_none() && !of.is_like_currents() =>
-                    {
-                        progress.warn(&text);
-                    }
-                    (Undecided::NoFit(_), IfUndecided::LeaveOpen) => progress.warn(&text),
-                    (_, IfUndecided::LeaveOpen) => progress.note(&text),
-                    _ => return Err(WorkError::Usage(text)),
-                }
-            }
+            Err(_) if evidence.decide(KnownConvention::default()).is_ok() => Ok(()),
+            Err(undecided) => refuse_or_report(&path, undecided, if_undecided, progress),
         }
-        Ok(())
     }
 
     /// The convention of motor currents: the sign of motor torques (minus), with gravity.
@@ -348,6 +326,40 @@ impl Touches {
         }
         Ok(())
     }
+}
+
+/// Notes the convention that was found; `is_given`: whether the settings give the sign.
+fn report(path: &str, found: TorqueConvention, is_given: bool, progress: &dyn Progress) {
+    if found.is_without_torque() {
+        progress.warn(&format!("`{path}`: {found}"));
+        return;
+    }
+    let unless_led = if found.is_by_work() && !is_given {
+        "; if a person or another machine moved the arm, it is the other sign (--torque-sign)"
+    } else {
+        ""
+    };
+    progress.note(&format!("`{path}`: {found}{unless_led}"));
+}
+
+/// Says why the convention is not decided: as an error, or as a warning or note if the command goes on.
+fn refuse_or_report(
+    path: &str,
+    undecided: Undecided,
+    if_undecided: IfUndecided,
+    progress: &dyn Progress,
+) -> Result<(), WorkError> {
+    let text = format!("`{path}`: {undecided}");
+    match (undecided, if_undecided) {
+        // Perhaps only the unit or the payload is wrong.
+        (Undecided::NoFit(of), _) if of.negated_joints().is_none() && !of.is_like_currents() => {
+            progress.warn(&text);
+        }
+        (Undecided::NoFit(_), IfUndecided::LeaveOpen) => progress.warn(&text),
+        (_, IfUndecided::LeaveOpen) => progress.note(&text),
+        _ => return Err(WorkError::Usage(text)),
+    }
+    Ok(())
 }
 
 /// The convention of an identified arm, where the data show no other by gravity: of torques without gravity only the
