@@ -24,9 +24,9 @@ unchanged touches exceeds. Above 1, the change is the simplest one that explains
 error: the object has moved (up to 6 cm over the ground, 2 cm up or down, and 17° about the \
 vertical), or it is softer or harder. Otherwise it is another object, or changed in another way. \
 The result is unknown if the field knows less than 10 % of what was touched, or less than 60 % \
-and the touches contradict it but it predicts a part of their torque. If it knows less than 60 % \
-and the touches neither contradict it nor repeat another, the text is `no contradiction` in place of \
-`unchanged`. Each touch is compared alone, and all of them together.
+and the touches contradict it but it predicts a part of their torque. If it knows less than 60 %, \
+nothing contradicts it, and not every touch repeats a remembered one, the text is `no contradiction` \
+in place of `unchanged`: this is no evidence that nothing has changed. Each touch is compared alone, and all of them together.
 
 A touch that repeats the path of one in the field's memory, to within a cell, is compared with \
 the torque measured then: it contradicts the field if the torques differ by more than a quarter. \
@@ -115,7 +115,9 @@ fn change_in_words(comparison: &Comparison, touches: usize) -> String {
     });
     match comparison.change {
         Change::Unchanged if comparison.is_with_known(touches) => "unchanged".to_owned(),
-        Change::Unchanged => format!("no contradiction ({:.0} % known)", 100.0 * comparison.known),
+        Change::Unchanged => {
+            format!("no contradiction ({:.0} % known)", (100.0 * comparison.known).floor())
+        }
         Change::Unknown => "unknown: the field knows too few of the touched cells".to_owned(),
         Change::Moved(motion) => {
             let ObjectMotion { shift_m: [x, y, z], turn_rad, .. } = motion;

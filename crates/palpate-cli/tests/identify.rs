@@ -64,7 +64,7 @@ fn write_logs(folder: &Path, pushed: bool) {
 }
 
 /// Writes the log as Universal Robots' RTDE does: separated by spaces, with motor currents in columns `name`; 1 A is
-/// `n_m` N·m.
+/// `n_m` N·m, with the sign of motor torques if it is below 0.
 fn write_currents(folder: &Path, log: &Path, (name, n_m): (&str, f64)) {
     fs::create_dir(folder).unwrap();
     for touch in 0..3 {
@@ -75,7 +75,7 @@ fn write_currents(folder: &Path, log: &Path, (name, n_m): (&str, f64)) {
         let samples = samples(&log.join(format!("seq_{touch}")));
         for (frame, sample) in samples.iter().enumerate() {
             text += &format!("\n{}", frame as f64 / RATE_HZ);
-            let currents = sample.tau.iter().map(|tau| -tau / n_m);
+            let currents = sample.tau.iter().map(|tau| tau / n_m);
             sample.q.iter().copied().chain(currents).for_each(|x| text += &format!(" {x}"));
         }
         fs::write(folder.join(format!("robot_data_{touch}.csv")), text).unwrap();
@@ -127,7 +127,7 @@ fn currents_of_a_ur_get_gains_and_are_refused_without_them() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     write_logs(&path("free"), false);
-    write_currents(&path("currents"), &path("free"), ("actual_current", 12.5));
+    write_currents(&path("currents"), &path("free"), ("actual_current", -12.5));
     let mut identify = identify(&path("currents"));
     identify.args(["--json", "--payload-link", "Bracelet_Link"]);
     identify.args(["--payload-mass-kg", "1", "--payload-com-m", "0,0.02,-0.1"]);
@@ -162,7 +162,7 @@ fn currents_that_are_logged_as_efforts_are_recognised_by_gravity() {
     identify.args(["--payload-link", "Bracelet_Link", "--payload-mass-kg", "1"]);
     identify.args(["--payload-com-m", "0,0.02,-0.1", "--json", "-o"]).arg(path("arm.toml"));
     let (found, said) = printed(&mut identify);
-    holds(&said, &["/efforts`: the torques are assumed to be motor currents", "(minus)"]);
+    holds(&said, &["/efforts`: the torques are ", "taken for motor currents", "and the sign plus"]);
     let found: Value = serde_json::from_str(&found).unwrap();
     for joint in &found["joints"].as_array().unwrap()[1..6] {
         assert!((joint["gain"]["value"].as_f64().unwrap() * 12.5 - 1.0).abs() < 0.05, "{joint}");
@@ -194,10 +194,8 @@ fn torques_without_gravity_are_read_with_the_sign_of_the_identified_arm() {
     };
     write_changed(&path("free"), &path("led"), led);
     let (_, said) = printed(torque(&path("led"), &path("arm.toml")).arg("--json"));
-    holds(
-        &said,
-        &["as those from which the arm was identified (--arm): sign plus, gravity removed"],
-    );
+    holds(&said, &["from which the arm was identified (--arm): plus; gravity: removed"]);
+    assert!(!said.contains("(torque_sign)"), "{said}");
     let (_, said) = printed(palpate().args(["torque", "--json"]).arg(path("led")));
     holds(&said, &["their sign is minus", "if a person or another machine moved the arm"]);
 }

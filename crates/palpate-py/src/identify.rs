@@ -88,6 +88,7 @@ pub(crate) fn external_torques<'py>(
 ) -> Result<Bound<'py, PyList>> {
     let mut settings = settings::read(settings, sections)?;
     let robot = robot::given(py, robot, &settings.robot)?;
+    settings.robot.arm.clone_from(&robot.settings.arm);
     let sources = sources(log)?;
     let differentiation = if causal { Differentiation::Causal } else { Differentiation::Centred };
     let (found, threshold) = long(py, progress, |progress| -> Result<_, WorkError> {

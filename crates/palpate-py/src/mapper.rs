@@ -41,6 +41,8 @@ pub(crate) struct Mapper {
     state: Shared<State>,
     robot: Robot,
     settings: Settings,
+    /// The same for samples one by one, with sign and gravity of the torques as in the file of an identified arm.
+    stream_settings: Settings,
 }
 
 struct State {
@@ -63,19 +65,21 @@ pub(crate) struct StepReport {
 }
 
 impl Mapper {
-    fn of(mapper: palpate::Mapper, robot: Robot, mut settings: Settings) -> Result<Self> {
+    fn of(mapper: palpate::Mapper, robot: Robot, settings: Settings) -> Result<Self> {
         let in_touch = false;
-        settings.robot.arm.clone_from(&robot.settings.arm);
-        arm_file::complete_convention(&mut settings, &robot.arm.robot)?;
+        let mut stream_settings = settings.clone();
+        stream_settings.robot.arm.clone_from(&robot.settings.arm);
+        arm_file::complete_convention(&mut stream_settings, &robot.arm.robot)?;
         let stream = match arm_file::of(&robot.settings, &robot.arm.robot)? {
             Some(model) => {
-                let torques = settings.touch.over_config(&ExternalTorqueConfig::default());
+                let torques = stream_settings.touch.over_config(&ExternalTorqueConfig::default());
                 let stream = TorqueStream::new(Arc::clone(&robot.arm), model, torques);
                 Some(stream.map_err(WorkError::Usage)?)
             }
             None => None,
         };
-        Ok(Self { state: Shared::new(State { mapper, stream, in_touch }), robot, settings })
+        let state = Shared::new(State { mapper, stream, in_touch });
+        Ok(Self { state, robot, settings, stream_settings })
     }
 
     /// A mapper that resumes from a field.
@@ -216,7 +220,7 @@ impl Mapper {
         }
         let State { mapper, stream, .. } = &mut *state;
         if stream.is_some() {
-            self.settings.torque_convention_for_robot().map_err(WorkError::from)?;
+            self.stream_settings.torque_convention_for_robot().map_err(WorkError::from)?;
         }
         let report = py.detach(|| {
             let sample = match stream {

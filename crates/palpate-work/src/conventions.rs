@@ -221,6 +221,16 @@ impl ConventionEvidence {
         self.gravity >= MIN_GRAVITY
     }
 
+    /// The slope of the torques on those of gravity.
+    pub(crate) fn slope(&self) -> f64 {
+        self.slope
+    }
+
+    /// The sign under which the torques grow with those of gravity.
+    pub(crate) fn sign_of_slope(&self) -> TorqueSign {
+        if self.slope > 0.0 { TorqueSign::Plus } else { TorqueSign::Minus }
+    }
+
     /// Whether the torques follow gravity as motor currents do, which are much smaller.
     pub(crate) fn is_like_currents(&self) -> bool {
         self.is_proportional()
@@ -272,7 +282,7 @@ impl ConventionEvidence {
         let clear = candidates.get(1).is_none_or(|other| least < BETTER * other.0);
         match held {
             _ if self.is_laden() && gravity != Some(Gravity::Removed) => {
-                let own = if self.slope > 0.0 { TorqueSign::Plus } else { TorqueSign::Minus };
+                let own = self.sign_of_slope();
                 match sign {
                     Some(sign) if sign != own => Err(Undecided::NoFit(self)),
                     _ => Ok(found(own, Gravity::Included)),

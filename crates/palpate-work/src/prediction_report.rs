@@ -34,7 +34,8 @@ pub struct TouchErrors {
     /// The log with the touch; `None` for all touches.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub log: Option<PathBuf>,
-    /// Whether the field has learnt these samples; of all touches, whether it has learnt any of them.
+    /// Whether these are the samples of a touch that the field remembers; of all touches, whether those of any are.
+    /// False also if the field has forgotten the samples, or has no memory.
     pub learnt: bool,
     /// Number of scored frames.
     pub frames: u64,

@@ -90,9 +90,9 @@ pub(super) fn lattice(lattice: &LatticeFacts) -> String {
 fn setting(value: &Value) -> String {
     match value {
         Value::String(word) => word.clone(),
-        Value::Number(exact) => match exact.as_f64() {
-            Some(of_measure) if exact.is_f64() => number(of_measure),
-            _ => exact.to_string(),
+        Value::Number(own) => match own.as_f64() {
+            Some(value) if own.is_f64() => number(value),
+            _ => own.to_string(),
         },
         Value::Array(all) => all.iter().map(setting).collect::<Vec<_>>().join(" "),
         other => other.to_string(),

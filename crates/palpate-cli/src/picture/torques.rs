@@ -31,7 +31,10 @@ pub(crate) fn torques(
     (field, against): (&Field, ReferenceTorque),
 ) -> Result<String, String> {
     let rows = results.len().max(1) as u32;
-    let bands: Vec<Option<Band>> = results.iter().map(|touch| touch.band(field)).collect();
+    // Bands are for measured torques.
+    let of =
+        |touch: &TouchResult| touch.band(field).filter(|_| against == ReferenceTorque::Measured);
+    let bands: Vec<Option<Band>> = results.iter().map(of).collect();
     let level = bands.iter().flatten().next().map(|band| band.level);
     let band = level.map(|level| format!("{:.0} % band of a joint", 100.0 * level));
     svg((WIDTH, LEGEND_HEIGHT + rows * ROW_HEIGHT), |area| {

@@ -8,16 +8,16 @@ use super::options::{AngleUnit, TimeUnit};
 
 /// Median time steps, s, that a log of a robot may have; outside of this range, the unit is not s.
 const BELIEVABLE_PERIOD_S: [f64; 2] = [1e-5, 5.0];
-/// Times are not in s either if the median step is at least this, and no joint reaches the speed [`CRAWLS`], rad/s or
-/// m/s, although the log has [`CRAWLS_FRAMES`] frames and a joint moves by [`CRAWLS_ALL_THE_WAY`], rad or m.
+/// Times are not in s either if the median step is at least this, and joints are rarely faster than [`SLOW_SPEED`], rad/s
+/// or m/s, although the log has [`MOVES_FRAMES`] frames and a joint moves by [`MOVES`], rad or m.
 const SLOW_PERIOD_S: f64 = 0.5;
-const CRAWLS: f64 = 0.02;
-const CRAWLS_FRAMES: usize = 200;
-const CRAWLS_ALL_THE_WAY: f64 = 0.1;
+const SLOW_SPEED: f64 = 0.02;
+const MOVES_FRAMES: usize = 200;
+const MOVES: f64 = 0.1;
 /// In the unit that is taken, the median step has one of these lengths, s: 10 kHz to 5 Hz.
 const PLAUSIBLE_PERIOD_S: [f64; 2] = [1e-4, 0.2];
 /// In the unit that is taken, the joints are rarely faster than this, rad/s: not in one of `1 / RARE` steps.
-const FASTEST: f64 = 10.0;
+const FASTEST: f64 = 4.0;
 const RARE: usize = 100;
 /// Fewer steps than these do not decide the unit.
 const FEWEST_STEPS: usize = 10;
@@ -45,9 +45,10 @@ pub struct OddClock {
     /// Whether the arm moves, but hardly, if times are s.
     pub crawls: bool,
     steps: usize,
-    /// Speed that joints rarely exceed, and the largest one if the arm moves, rad/s.
-    usual: f64,
-    top: Option<f64>,
+    /// Speed that joints rarely exceed, rad/s.
+    speed: f64,
+    /// Whether the arm moves.
+    moves: bool,
 }
 
 impl OddClock {
@@ -59,13 +60,13 @@ impl OddClock {
         let is_plausible = |unit: &TimeUnit| {
             let faster = faster(*unit);
             let period_s = self.period_s / faster;
-            faster > 1.0 && (least..=most).contains(&period_s) && self.usual * faster <= FASTEST
+            faster > 1.0 && (least..=most).contains(&period_s) && self.speed * faster <= FASTEST
         };
         let units = [TimeUnit::Ms, TimeUnit::Us, TimeUnit::Ns];
         let mut plausible = units.into_iter().filter(is_plausible);
         let first = plausible.next().filter(|_| self.steps >= FEWEST_STEPS)?;
         // 5 to 10 Hz in one unit is 5 to 10 kHz in the next.
-        let still_crawls = self.top.is_some_and(|top| top * faster(first) < CRAWLS);
+        let still_crawls = self.moves && self.speed * faster(first) < SLOW_SPEED;
         plausible.next().filter(|_| still_crawls).or(Some(first))
     }
 }
@@ -108,16 +109,15 @@ impl ClockEvidence {
         let in_degrees = ranked(&self.largest, 2)? > LARGEST_RAD;
         let angle = if in_degrees { 1_f64.to_radians() } else { 1.0 };
         let way = self.ranges.iter().map(|[low, high]| angle * (high - low)).fold(0.0, f64::max);
-        let moves = self.largest.len() >= CRAWLS_FRAMES && way > CRAWLS_ALL_THE_WAY;
-        let top = angle * self.speeds.iter().copied().fold(0.0, f64::max);
-        let crawls = period_s >= SLOW_PERIOD_S && moves && top < CRAWLS;
+        let moves = self.largest.len() >= MOVES_FRAMES && way > MOVES;
+        // A turn of a sensor from 360° to 0° is a rare step.
+        let speed = angle * ranked(&self.speeds, RARE)?;
+        let crawls = period_s >= SLOW_PERIOD_S && moves && speed < SLOW_SPEED;
         let [least, most] = BELIEVABLE_PERIOD_S;
         if !crawls && (least..=most).contains(&period_s) {
             return None;
         }
-        let usual = angle * ranked(&self.speeds, RARE)?;
-        let (steps, top) = (self.steps.len(), moves.then_some(top));
-        Some(OddClock { period_s, crawls, steps, usual, top })
+        Some(OddClock { period_s, crawls, steps: self.steps.len(), speed, moves })
     }
 }
 
@@ -163,6 +163,15 @@ mod tests {
         assert_eq!(in_degrees, Some(TimeUnit::Ms), "100 degrees per s");
         assert_eq!(unit(5e-6, 1.0), Some(None), "larger units than s are left");
         assert_eq!(unit(10.0, 0.05), Some(None), "50 rad/s in ms");
+        let mut turns = ClockEvidence::default();
+        for row in 0..300 {
+            let (time, whole) = (f64::from(row), if row < 150 { 0.0 } else { TAU });
+            turns.add(
+                &Sample::new(Some(time), vec![1e-3 * time + whole], vec![0.0]),
+                AngleUnit::Rad,
+            );
+        }
+        assert_eq!(turns.odd().and_then(|odd| odd.unit(1.0)), Some(TimeUnit::Ms), "a whole turn");
         assert_eq!(odd(0.0, 0.0), None, "a clock that stands still has another warning");
         // Nanoseconds after half an hour look like milliseconds since 1970.
         assert_eq!(odd(5e3, 1e-6).unwrap().unit(1e3), Some(TimeUnit::Ns));

@@ -42,7 +42,7 @@ pub(super) struct Reader {
     split_gap_s: Option<f64>,
     /// Whether the first samples were read ahead to find the unit of times.
     looked_ahead: bool,
-    /// The unit of times that was found, and how many times of the source are 1 s.
+    /// The unit of times that was found, and the number by which the source's times are divided to give s.
     time_unit: Option<(TimeUnit, f64)>,
     /// Events that are read but not returned yet, and the error after them.
     events: VecDeque<LogEvent>,
@@ -150,11 +150,8 @@ impl Reader {
             }
             guess = guessed;
         }
-        let odd = evidence.odd();
-        let found = odd
-            .zip(guess)
-            .and_then(|(odd, guess_per_s)| odd.unit(guess_per_s).zip(Some(guess_per_s)));
-        self.time_unit = found.map(|(unit, guess_per_s)| (unit, unit.per_s() / guess_per_s));
+        let Some((odd, guess_per_s)) = evidence.odd().zip(guess) else { return };
+        self.time_unit = odd.unit(guess_per_s).map(|unit| (unit, unit.per_s() / guess_per_s));
     }
 
     /// The event for a sample: the sample itself or, after a gap, the start of a touch before it.

@@ -67,7 +67,8 @@ class ScoredFrames(Beside):
     frames_in_contact: int
     frames_on_known: int
     learnt: bool
-    """Whether the field has learnt these samples, or any of them: then the errors are not those of new touches."""
+    """Whether these are the samples of a touch (of any touch) that the field remembers: then the errors are not those
+    of new touches. False also if the field has forgotten the samples, or has no memory."""
 
 
 class ScoredTouch(ScoredFrames):

@@ -117,8 +117,8 @@ impl Settings {
     pub fn torque_convention_for_robot(&self) -> Result<ExternalTorqueConfig, SettingsError> {
         if self.touch.torque_sign_given().is_none() || self.touch.gravity_given().is_none() {
             return Err(SettingsError::Together(
-                "give torque_sign (--torque-sign) and gravity (--gravity), or an arm that `palpate identify` wrote with \
-                 both (--arm): while the robot runs, they cannot be found from the data"
+                "give torque_sign (--torque-sign) and gravity (--gravity), or --arm with a file of `palpate identify` \
+                 that contains them; while the robot runs, they cannot be found from the data"
                     .to_owned(),
             ));
         }

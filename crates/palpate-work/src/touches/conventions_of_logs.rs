@@ -212,11 +212,12 @@ impl Touches {
         }
         if let Some((torque_sign, gravity)) = convention_of_arm(decided, given, of_arm) {
             progress.note(&format!(
-                "`{path}`: gravity does not show the sign of the torques, so they are read as those from which the \
-                 arm was identified (--arm): sign {}, gravity {}",
+                "`{path}`: gravity does not show the sign of these torques; it is that of the torques from which the \
+                 arm was identified (--arm): {}; gravity: {}",
                 word(torque_sign),
                 word(gravity)
             ));
+            self.reported.insert("torque_sign"); // their work may show the other sign
             settings.torque_sign = Some(OrAuto::Is(torque_sign));
             settings.gravity = Some(OrAuto::Is(gravity));
             return Ok(());
@@ -235,8 +236,17 @@ impl Touches {
             Err(Undecided::NoFit(of))
                 if of.is_like_currents() && if_undecided == IfUndecided::TakeForCurrents =>
             {
+                let torque_sign = torque_sign.unwrap_or(of.sign_of_slope());
+                progress.note(&format!(
+                    "`{path}`: the torques are {:.2} times those of gravity, so they are taken for motor currents \
+                     (--currents), with gravity and the sign {}",
+                    of.slope(),
+                    word(torque_sign)
+                ));
+                settings.torque_sign = Some(OrAuto::Is(torque_sign));
+                settings.gravity = Some(OrAuto::Is(Gravity::Included));
                 self.treat_as_currents();
-                self.conventions_of_currents(settings, progress)
+                Ok(())
             }
             // The given part is wrong, and the check of the log warns of it.
             Err(_) if evidence.decide(KnownConvention::default()).is_ok() => Ok(()),
@@ -369,7 +379,7 @@ fn convention_of_arm(
     given: KnownConvention,
     of_arm: KnownConvention,
 ) -> Option<(TorqueSign, Gravity)> {
-    let sign = given.torque_sign.or(of_arm.torque_sign)?;
+    let sign = of_arm.torque_sign.filter(|_| given.torque_sign.is_none())?;
     let gravity = given.gravity.or(of_arm.gravity)?;
     match decided {
         Ok(found) if found.is_without_torque() || !found.is_by_work() => None,

@@ -128,11 +128,13 @@ fn time_unit(touches: &[RecordedTouch]) -> Option<Finding> {
         touch.samples.iter().for_each(|sample| evidence.add(sample, AngleUnit::Rad));
     }
     let OddClock { period_s, crawls, .. } = evidence.odd()?;
-    let period_s = number(period_s);
+    let (is_short, period_s) = (period_s < 1e-3, number(period_s));
     let slowly = if crawls { ", in which the arm hardly moves" } else { "" };
-    let what = format!(
-        "the median time step is {period_s} s{slowly}: are the times in milliseconds or nanoseconds?"
-    );
+    let question = match is_short {
+        true => "are the times in a larger unit than the one in which they were read?",
+        false => "are the times in milliseconds or nanoseconds?",
+    };
+    let what = format!("the median time step is {period_s} s{slowly}: {question}");
     let remedy = "give the unit (--time-unit), or save seconds: `identify`, `torque` and --arm compute speeds from the \
                   times; maps without --arm need no times, but sampling rate and gaps cannot be checked";
     Some(Finding::warning("time_unit", what, remedy))
