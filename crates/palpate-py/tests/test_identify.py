@@ -53,18 +53,38 @@ def test_friction_and_bias_are_found_and_taken_off(touches: list[palpate.Touch],
         assert np.sqrt((touch["torque"] ** 2).mean()) < 0.15
         assert (np.abs(touch["torque"]) < 3 * touch["std"]).mean() > 0.95
 
-    # Sign and gravity of measured torques cannot be determined from single samples.
-    unspecified = palpate.Mapper(arm)
+    # Sign and gravity of measured torques cannot be determined from single samples: those of the arm's file are used.
+    lines = found["text"].splitlines()
+    older = "\n".join(line for line in lines if not line.startswith(("torque_sign", "gravity")))
+    (tmp_path / "older.toml").write_text(older)
+    unspecified = palpate.Mapper(palpate.Robot(arm=tmp_path / "older.toml"))
     unspecified.begin_touch()
     with pytest.raises(palpate.PalpateError, match="torque_sign"):
         unspecified.step(np.zeros(7), np.zeros(7))
-    mapper = palpate.Mapper(arm, touch=TORQUES)
+    mapper = palpate.Mapper(arm)
     mapper.begin_touch()
     first = touches[0]
     assert first.time is not None
     reports = [mapper.step(*sample) for sample in zip(first.q, first.tau, first.time)]
     external = np.array([report.external for report in reports if report.external is not None])
     assert len(external) > 100 and np.sqrt((external**2).mean()) < 0.3
+
+
+def test_an_identified_arm_gives_the_sign_of_torques_without_gravity(
+    touches: list[palpate.Touch], tmp_path: Path
+) -> None:
+    (tmp_path / "arm.toml").write_text(palpate.identify(touches, progress=False, touch=TORQUES)["text"])
+    free = touches[0]
+    # A person leads the arm: the torques do work on it, as only motor torques do otherwise.
+    push = 0.2 * RATE_HZ * np.gradient(free.q, axis=0)
+    led = palpate.Touch(free.q, push, time=free.time)
+    arm = palpate.Robot(arm=tmp_path / "arm.toml")
+    for robot, sign in ((arm, 1), (None, -1)):
+        found = palpate.external_torques(led, robot, progress=False)[0]["torque"]
+        assert np.corrcoef(found.ravel(), push.ravel())[0, 1] * sign > 0.99
+    # A mapper reads a log by what the log shows, not by what the arm was identified from.
+    mapped = palpate.Mapper(arm).map(palpate.Touch(free.q, push, time=free.time), progress=False)
+    assert mapped["before_learning"]["zero"]["max_error"] < 2 * np.abs(push).max() * np.sqrt(7)
 
 
 def test_needs_command_torques_are_the_commands(
