@@ -156,7 +156,7 @@ mod tests {
         }
         assert_eq!(unit(1.0, 1e-3), Some(Some(TimeUnit::Ms)), "1 kHz");
         assert_eq!(unit(125.0, 1e-3), Some(Some(TimeUnit::Ms)), "8 Hz");
-        assert_eq!(unit(125.0, 4e-6), Some(Some(TimeUnit::Us)), "8 kHz");
+        assert_eq!(unit(125.0, 3e-6), Some(Some(TimeUnit::Us)), "8 kHz");
         assert_eq!(unit(2e3, 0.0), Some(Some(TimeUnit::Us)), "500 Hz, at rest");
         assert_eq!(unit(1e6, 1e-9), Some(Some(TimeUnit::Ns)));
         let in_degrees = odd_for(1.0, 0.1, 57.0).and_then(|odd| odd.unit(1.0));

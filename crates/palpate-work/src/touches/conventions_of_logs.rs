@@ -186,7 +186,7 @@ impl Touches {
         progress: &dyn Progress,
     ) -> Result<(), WorkError> {
         self.conventions_of_messages(settings, progress)?;
-        self.conventions_of_currents(settings, progress)?;
+        self.conventions_of_currents(of_arm, settings, progress)?;
         let (torque_sign, gravity) = (settings.torque_sign_given(), settings.gravity_given());
         if torque_sign.is_some() && gravity.is_some() {
             return Ok(());
@@ -254,9 +254,11 @@ impl Touches {
         }
     }
 
-    /// The convention of motor currents: the sign of motor torques (minus), with gravity.
+    /// The convention of motor currents, with gravity: the sign of those from which the arm was identified, else that of
+    /// motor torques (minus).
     fn conventions_of_currents(
         &self,
+        of_arm: KnownConvention,
         settings: &mut TouchSettings,
         progress: &dyn Progress,
     ) -> Result<(), WorkError> {
@@ -281,8 +283,12 @@ impl Touches {
         let are = if named.is_some() { "the columns are" } else { "the torques are assumed to be" };
         let mut assumed = Vec::new();
         if settings.torque_sign_given().is_none() {
-            settings.torque_sign = Some(OrAuto::Is(TorqueSign::Minus));
-            assumed.push("their sign is that of the motors' torques (minus)");
+            let sign = of_arm.torque_sign.unwrap_or(TorqueSign::Minus);
+            settings.torque_sign = Some(OrAuto::Is(sign));
+            assumed.push(match sign {
+                TorqueSign::Minus => "their sign is that of the motors' torques (minus)",
+                TorqueSign::Plus => "their sign is that of the identified arm (plus)",
+            });
         }
         if settings.gravity_given().is_none() {
             settings.gravity = Some(OrAuto::Is(Gravity::Included));
