@@ -236,22 +236,33 @@ impl Touches {
             Err(Undecided::NoFit(of))
                 if of.is_like_currents() && if_undecided == IfUndecided::TakeForCurrents =>
             {
-                let torque_sign = torque_sign.unwrap_or(of.sign_of_slope());
-                progress.note(&format!(
-                    "`{path}`: the torques are {:.2} times those of gravity, so they are taken for motor currents \
-                     (--currents), with gravity and the sign {}",
-                    of.slope(),
-                    word(torque_sign)
-                ));
-                settings.torque_sign = Some(OrAuto::Is(torque_sign));
-                settings.gravity = Some(OrAuto::Is(Gravity::Included));
-                self.treat_as_currents();
+                self.take_for_currents(&of, settings, progress);
                 Ok(())
             }
             // The given part is wrong, and the check of the log warns of it.
             Err(_) if evidence.decide(KnownConvention::default()).is_ok() => Ok(()),
             Err(undecided) => refuse_or_report(&path, undecided, if_undecided, progress),
         }
+    }
+
+    /// Takes torques that follow gravity as motor currents do for currents, with the sign that gravity shows.
+    fn take_for_currents(
+        &mut self,
+        evidence: &ConventionEvidence,
+        settings: &mut TouchSettings,
+        progress: &dyn Progress,
+    ) {
+        let torque_sign = settings.torque_sign_given().unwrap_or(evidence.sign_of_slope());
+        progress.note(&format!(
+            "`{}`: the torques are {:.2} times those of gravity, so they are taken for motor currents (--currents), \
+             with gravity and the sign {}",
+            self.first_path(),
+            evidence.slope(),
+            word(torque_sign)
+        ));
+        settings.torque_sign = Some(OrAuto::Is(torque_sign));
+        settings.gravity = Some(OrAuto::Is(Gravity::Included));
+        self.treat_as_currents();
     }
 
     /// The convention of motor currents, with gravity: the sign of those from which the arm was identified, else that of
