@@ -142,41 +142,30 @@ impl TouchResult {
     }
 }
 
-/// Finds the learnt touch of a field that has the same samples as the touch that is predicted.
-struct SameSamples<'a> {
-    n_joints: usize,
+/// The learnt touches of a field, and the samples of the touch that is predicted, to find out whether it is one of them.
+struct LearntTouches<'a> {
     learnt: &'a [LoggedTouch],
-    /// The learnt touches that agree with all samples so far, and the number of these samples.
-    alike: Vec<&'a LoggedTouch>,
-    samples: usize,
+    q: Vec<f64>,
+    tau: Vec<f64>,
 }
 
-impl<'a> SameSamples<'a> {
+impl<'a> LearntTouches<'a> {
     fn of(snapshot: Option<&'a Snapshot>) -> Self {
-        let (n_joints, learnt) =
-            snapshot.map_or((0, &[][..]), |snapshot| (snapshot.n_joints, &snapshot.sample_log[..]));
-        Self { n_joints, learnt, alike: Vec::new(), samples: 0 }
-    }
-
-    fn begin(&mut self) {
-        (self.alike, self.samples) = (self.learnt.iter().collect(), 0);
+        let learnt = snapshot.map_or(&[][..], |snapshot| &snapshot.sample_log);
+        Self { learnt, q: Vec::new(), tau: Vec::new() }
     }
 
     fn add(&mut self, sample: &Sample) {
-        let row = self.samples * self.n_joints..(self.samples + 1) * self.n_joints;
-        // The touch may go on after the samples that were learnt.
-        let agrees =
-            |logged: &[f64], own: &[f64]| logged.get(row.clone()).is_none_or(|row| row == own);
-        self.alike.retain(|touch| agrees(&touch.q, &sample.q) && agrees(&touch.tau, &sample.tau));
-        self.samples += 1;
+        if !self.learnt.is_empty() {
+            self.q.extend(&sample.q);
+            self.tau.extend(&sample.tau);
+        }
     }
 
-    /// The touch that was found, by number and name.
-    fn found(&self) -> Option<String> {
-        let is_whole = |touch: &&&LoggedTouch| {
-            !touch.q.is_empty() && touch.q.len() <= self.samples * self.n_joints
-        };
-        self.alike.iter().find(is_whole).map(|touch| forget::name(touch))
+    /// The learnt touch with the samples that were added, by number and name; the next sample starts a touch.
+    fn take(&mut self) -> Option<String> {
+        let (q, tau) = (std::mem::take(&mut self.q), std::mem::take(&mut self.tau));
+        self.learnt.iter().find(|touch| touch.is_start_of(&q, &tau)).map(forget::name)
     }
 }
 
@@ -195,8 +184,8 @@ pub fn score(
 ) -> Result<Vec<TouchResult>, WorkError> {
     let place = (field.lattice.clone(), field.contact.clone());
     let mut check = touches.check(arm, place, &touch);
-    let same = SameSamples::of(snapshot);
-    match score_all(arm, (field, touch, against), (&mut *touches, &mut check, same), progress) {
+    let learnt = LearntTouches::of(snapshot);
+    match score_all(arm, (field, touch, against), (&mut *touches, &mut check, learnt), progress) {
         Ok(results) => {
             touches.report_warnings(progress);
             check.check(progress)?;
@@ -212,7 +201,7 @@ pub fn score(
 fn score_all(
     arm: &Arc<Arm>,
     (field, touch, against): (&Field, ExternalTorqueConfig, ReferenceTorque),
-    (touches, check, mut same): (&mut Touches, &mut LogCheck, SameSamples<'_>),
+    (touches, check, mut learnt): (&mut Touches, &mut LogCheck, LearntTouches<'_>),
     progress: &dyn Progress,
 ) -> Result<Vec<TouchResult>, WorkError> {
     let mut predictor =
@@ -226,8 +215,7 @@ fn score_all(
         }
         match event {
             TouchEvent::Touch(name) => {
-                end(&mut predictor, &same, results.last_mut())?;
-                same.begin();
+                end(&mut predictor, &mut learnt, results.last_mut())?;
                 check.begin(&name, touches, progress)?;
                 predictor.begin_touch();
                 bar.at(&name);
@@ -236,7 +224,7 @@ fn score_all(
             TouchEvent::Sample(sample) => {
                 let result = results.last_mut().expect("samples come after a touch's start");
                 let frame = result.frames_in_log;
-                same.add(&sample);
+                learnt.add(&sample);
                 let step = predictor.step(&sample).map_err(|error| touches.fault(error))?;
                 check.add(&sample, step.as_ref().map_or(0, |step| step.contacts));
                 result.frames_in_log += 1;
@@ -256,7 +244,7 @@ fn score_all(
             }
         }
     }
-    end(&mut predictor, &same, results.last_mut())?;
+    end(&mut predictor, &mut learnt, results.last_mut())?;
     Ok(results)
 }
 
@@ -301,11 +289,11 @@ pub fn planned(
 /// Ends the touch that was begun last, if any was.
 fn end(
     predictor: &mut Predictor,
-    same: &SameSamples<'_>,
+    learnt: &mut LearntTouches<'_>,
     last: Option<&mut TouchResult>,
 ) -> Result<(), WorkError> {
     let Some(result) = last else { return Ok(()) };
-    result.learnt_as = same.found();
+    result.learnt_as = learnt.take();
     let place = || format!("touch `{}`", result.name);
     predictor.end_touch().map_err(|error| WorkError::touch(&result.log, place(), error))
 }

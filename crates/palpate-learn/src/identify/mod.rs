@@ -20,9 +20,11 @@
 //! | `held_out`             | residuals on held-out motion                                   |
 //! | `outliers`             | whether few samples have most of the residual                  |
 //! | `result`               | values with standard deviations, in common units               |
+//! | `notes`                | what is suspect, what cannot be determined, and why            |
 
 mod contact_samples;
 mod held_out;
+mod notes;
 mod outliers;
 mod physical_consistency;
 mod posterior;

@@ -212,8 +212,8 @@ impl Touches {
         }
         if let Some((torque_sign, gravity)) = convention_of_arm(decided, given, of_arm) {
             progress.note(&format!(
-                "`{path}`: gravity does not show the sign of these torques; it is that of the torques from which the \
-                 arm was identified (--arm): {}; gravity: {}",
+                "`{path}`: gravity does not show the sign of these torques, so it is taken from the torques from which \
+                 the arm was identified (--arm): {}; gravity: {}",
                 word(torque_sign),
                 word(gravity)
             ));
@@ -362,7 +362,7 @@ fn report(path: &str, found: TorqueConvention, is_given: bool, progress: &dyn Pr
         return;
     }
     let unless_led = if found.is_by_work() && !is_given {
-        "; if a person or another machine moved the arm, it is the other sign (--torque-sign)"
+        "; if a person or another machine moved the arm, the sign is the other one (--torque-sign)"
     } else {
         ""
     };

@@ -55,6 +55,12 @@ impl LoggedTouch {
             ..Sample::new(time_s, q.to_vec(), tau.to_vec())
         })
     }
+
+    /// Whether its samples are the first ones, or all, of these: joint positions, rad or m, and logged torques, N·m or N,
+    /// samples × n_joints each. A touch without samples is no start.
+    pub fn is_start_of(&self, q: &[f64], tau: &[f64]) -> bool {
+        !self.q.is_empty() && q.starts_with(&self.q) && tau.starts_with(&self.tau)
+    }
 }
 
 /// The logged touches, the one under way last.
@@ -168,9 +174,7 @@ impl SampleLog {
     /// An earlier touch whose samples are the first samples, or all, of the last touch.
     pub(super) fn repeated(&self) -> Option<&LoggedTouch> {
         let (last, earlier) = self.touches.split_last()?;
-        earlier.iter().find(|touch| {
-            !touch.q.is_empty() && last.q.starts_with(&touch.q) && last.tau.starts_with(&touch.tau)
-        })
+        earlier.iter().find(|touch| touch.is_start_of(&last.q, &last.tau))
     }
 
     /// Drops the oldest touches until the log fits into `limit` bytes; returns those that were dropped.

@@ -144,10 +144,13 @@ fn time_unit(touches: &[RecordedTouch]) -> Option<Finding> {
 pub(super) fn found_time_units(log: &Touches) -> impl Iterator<Item = Finding> {
     log.found_time_units().map(|(path, unit)| {
         let what = format!(
-            "times of `{}` were read as {unit}: as seconds, their steps or the motions are too slow for a robot",
+            "times of `{}` were read as {unit}: if they were seconds, samples would be too far apart, or the arm \
+             too slow",
             path.display()
         );
-        let remedy = format!("nothing to do; write seconds, or give --time-unit {unit}");
+        let remedy = format!(
+            "nothing needs to change; to do without this guess, save seconds or give --time-unit {unit}"
+        );
         Finding::warning("time_unit", what, remedy).noted()
     })
 }
