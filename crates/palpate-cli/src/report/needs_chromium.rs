@@ -100,7 +100,7 @@ impl Page {
              const box = canvas.getBoundingClientRect(); \
              return [box.x + box.width / 2, box.y + box.height / 2]; }})()"
         );
-        let turned = (0..6).any(|_| {
+        let turned = (0..16).any(|_| {
             self.ask(
                 "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))",
             );
