@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 
 use clap::{Arg, CommandFactory, FromArgMatches, Parser, Subcommand};
 use clap_complete::Shell;
+use palpate_work::tune::Tune;
 
 use crate::error::CliError;
 use crate::output::Output;
@@ -118,4 +119,10 @@ pub(crate) fn completions(shell: Shell, output: &Output) -> Result<(), CliError>
     let mut script = Vec::new();
     clap_complete::generate(shell, &mut Cli::command(), "palpate", &mut script);
     output.result(&String::from_utf8_lossy(&script))
+}
+
+/// `quick` or `off`.
+pub(crate) fn quick_or_off(name: &str) -> Result<Tune, String> {
+    let tune = Tune::named(name).ok().filter(|tune| *tune != Tune::Thorough);
+    tune.ok_or_else(|| "wanted quick or off; `palpate tune` is more thorough".to_owned())
 }

@@ -16,6 +16,7 @@ use palpate_work::tune::{Tune, quickly_tuned};
 use palpate_work::{prior, resume};
 use serde_json::json;
 
+use crate::args::quick_or_off;
 use crate::error::CliError;
 use crate::file_paths::FilePaths;
 use crate::object_args::ObjectArgs;
@@ -100,12 +101,6 @@ pub(crate) struct Args {
     pace: PaceArgs,
     #[command(flatten)]
     settings: AllSettings,
-}
-
-/// `quick` or `off`.
-fn quick_or_off(name: &str) -> Result<Tune, String> {
-    let tune = Tune::named(name).ok().filter(|tune| *tune != Tune::Thorough);
-    tune.ok_or_else(|| "wanted quick or off; `palpate tune` is more thorough".to_owned())
 }
 
 impl Args {

@@ -113,6 +113,25 @@ fn needs_cyclonedds_an_identified_arm_publishes_how_sure_its_torques_are_with_a_
 }
 
 #[test]
+fn needs_cyclonedds_settings_are_chosen_during_the_session_except_for_given_ones() {
+    let domain = Domain::take();
+    let mut live = Live::start(&domain, &["--friction", "0.05", "--replays", "2"]);
+    let robot = Playing::start(robot(&domain, &["--rate", "200", "--seconds", "inf"]));
+    live.wait_for("chosen by cross-validation on 3 touches");
+    live.wait_for("the field was learned again with these settings");
+    drop(robot);
+    live.end();
+    let field = load(&live.path("field.npz")).unwrap();
+    let config = field.snapshot.unwrap().config;
+    let lines = live.lines();
+    let note = lines.lines().rfind(|line| line.contains("was learned again")).unwrap();
+    let distance = format!("contact distance {:.0} mm", 1e3 * config.contact.contact_distance_m);
+    assert!(note.contains(&distance) && note.contains("friction 0.05"), "{note}");
+    assert_eq!(config.contact.friction, 0.05);
+    refuse(palpate().args(["live", "--localhost", "--no-map", "--tune"]), 2, &["leave out --tune"]);
+}
+
+#[test]
 fn needs_cyclonedds_broken_samples_are_refused_with_a_reason_and_the_others_mapped() {
     for (broken, reason, words) in [
         ("nan", "not finite", "the effort of joint `Actuator1` is NaN"),

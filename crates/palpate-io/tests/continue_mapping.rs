@@ -442,6 +442,59 @@ fn the_error_says_how_many_other_touches_would_be_lost() {
 }
 
 #[test]
+fn a_mapper_that_catches_up_in_pieces_equals_the_one_that_goes_on_meanwhile() {
+    let (arm, touches) = (arm(), touches(3));
+    for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
+        let mut config = config(method);
+        config.estimator.memory.frames = 10_000;
+        let new = || Mapper::new(Arc::clone(&arm), config.clone()).unwrap();
+        let at = |sample: &Sample, time_s| {
+            Sample::new(Some(time_s), sample.q.clone(), sample.tau.clone())
+        };
+        let (mut first, mut second) = (new(), new());
+        for (number, samples) in touches.iter().enumerate() {
+            first.begin_touch();
+            first.name_touch(&format!("touch {number}"));
+            for (n, sample) in samples.iter().enumerate() {
+                // 55 ms and 20 ms apart in turn: every other sample is too close to the one before.
+                let time_s = 1e9 + 0.0375 * n as f64 + 0.0175 * (n % 2) as f64;
+                first.step(&at(sample, time_s)).unwrap();
+                // Across the begin of a touch, in the middle of one, and not at all in the last half of the second.
+                if [3, 11, 12, 25].contains(&n) && number != 1 {
+                    let log = first.log_from(second.position()).unwrap();
+                    assert!(log.n_beyond(second.position(), 7) > 0);
+                    assert!(second.catch_up(&log, || true).unwrap());
+                    assert_eq!(log.n_beyond(second.position(), 7), 0);
+                }
+            }
+            if number < 2 {
+                first.end_touch().unwrap();
+            }
+        }
+        let log = first.log_from(second.position()).unwrap();
+        assert!(!second.catch_up(&log, || false).unwrap(), "stopped after a sample");
+        assert!(second.catch_up(&log, || true).unwrap());
+        second.go_on_after(&log);
+        assert_eq!(second.field(), first.field(), "{method:?}");
+        // Both go on alike: with the same sample too close, and the same number of the next touch.
+        for mapper in [&mut first, &mut second] {
+            let last = touches[2].last().unwrap();
+            for n in 0..5 {
+                mapper.step(&at(last, 1e9 + 3.0 + 0.02 * f64::from(n))).unwrap();
+            }
+            mapper.end_touch().unwrap();
+            learn(mapper, &touches[0]);
+        }
+        let (first, second) = (first.snapshot(), second.snapshot());
+        assert_eq!(
+            (second.state, second.sample_log),
+            (first.state, first.sample_log),
+            "{method:?}"
+        );
+    }
+}
+
+#[test]
 fn without_held_out_touches_bands_are_those_of_other_objects() {
     let (arm, touches) = (arm(), touches(2));
     for method in [EstimatorKind::Map, EstimatorKind::Ekf] {

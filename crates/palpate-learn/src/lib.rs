@@ -9,6 +9,7 @@
 //! | [`mod@evaluate`]      | cross-validation: all methods on all folds                      |
 //! | [`mod@evaluation`]    | the result of an evaluation                                     |
 //! | [`mod@tune`]          | settings chosen by cross-validation on training touches         |
+//! | [`mod@choose`]        | settings chosen for the touches at hand, with bands             |
 //! | [`mod@study`]         | settings compared over several objects                          |
 //! | [`mod@change`]        | whether an object moved, or is softer or harder, since mapping  |
 //! | [`mod@next_touch`]    | which motion reduces the variance of a task most                |
@@ -28,6 +29,7 @@ pub mod bands;
 pub mod body;
 pub mod calibrate;
 pub mod change;
+pub mod choose;
 pub mod elastic;
 mod error;
 pub mod evaluate;

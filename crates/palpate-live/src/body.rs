@@ -17,8 +17,8 @@ use palpate::{Arm, MapperConfig, PathPredictor, Sample};
 use palpate_io::field::SavedField;
 use palpate_learn::LearnError;
 use palpate_learn::elastic::ElasticBodyLearner;
-use rayon::{ThreadPool, ThreadPoolBuilder};
 
+use crate::background::{nice_pool, on};
 use crate::latest_queue::LatestQueue;
 use crate::run::MappedSample;
 use crate::session::SessionState;
@@ -34,8 +34,6 @@ const BACKLOG: usize = 100;
 const MAX_SAMPLES: usize = 20_000;
 /// Number of touches that are remembered and learnt from: the newest.
 const MAX_TOUCHES: usize = 32;
-/// Niceness of the threads that learn and bend.
-const NICE: i32 = 10;
 /// Interval between checks whether the session has ended.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -278,24 +276,6 @@ impl LiveElasticBody {
         while shared.is_running() {
             thread::sleep(LOOK);
         }
-    }
-}
-
-/// A thread pool of low priority; `None` if the system cannot start the threads.
-fn nice_pool(name: &'static str) -> Option<ThreadPool> {
-    // Affects the calling thread only; a failure is ignored.
-    let nice = |_| {
-        let _ = rustix::process::setpriority_process(None, NICE);
-    };
-    let name = move |number| format!("{name}-{number}");
-    ThreadPoolBuilder::new().thread_name(name).start_handler(nice).build().ok()
-}
-
-/// Runs `work` on a pool; if there is none, on the calling thread with the common threads of rayon.
-fn on<T: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> T + Send) -> T {
-    match pool {
-        Some(pool) => pool.install(work),
-        None => work(),
     }
 }
 

@@ -18,6 +18,8 @@
 //! | [`QuerySocket`]            | the Unix socket that answers questions about planned motions   |
 //! | `question`                 | JSON form of these questions and answers                       |
 //! | [`LiveElasticBody`]        | the object as an elastic body: bends it, learns it             |
+//! | `choose`                   | settings chosen during the session, by cross-validation        |
+//! | `background`               | thread pools of low priority                                   |
 //! | `services`                 | the thread for ROS services that take time                     |
 //! | `wrench`                   | wrenches of the object on the links                            |
 //! | [`checkpoint`]             | saves the field to a file at regular intervals                 |
@@ -27,8 +29,10 @@
 //! The crate uses no terminal and no settings file; the command `palpate live` is built on it.
 #![deny(unsafe_code)] // except one line in `ros::loopback`
 
+mod background;
 mod body;
 pub mod checkpoint;
+mod choose;
 mod cloud;
 mod diagnostics;
 pub mod figures;

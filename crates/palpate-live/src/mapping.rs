@@ -149,6 +149,15 @@ impl<'a> Mapping<'a> {
                         checkpoints.and_then(|them| them.now(|| SavedField::of_mapper(mapper)));
                     let _ = to_asker.send(number);
                 }
+                Request::Position(to_asker) => {
+                    let _ = to_asker.send(self.session.mapper().position());
+                }
+                Request::Log(from, to_asker) => {
+                    let _ = to_asker.send(self.session.mapper().log_from(from));
+                }
+                Request::GoOnWith(mapper, to_asker) => {
+                    let _ = to_asker.send(self.session.go_on_with(*mapper));
+                }
             }
         }
     }

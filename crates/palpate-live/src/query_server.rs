@@ -38,13 +38,14 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{RecvTimeoutError, Sender, bounded};
-use palpate::unstable::PathChecker;
-use palpate::{CLUSTER_WEIGHT, PathConfig, PathPrediction, PathPredictor};
+use palpate::unstable::{LogPosition, PathChecker, TouchLog};
+use palpate::{CLUSTER_WEIGHT, Mapper, MapperError, PathConfig, PathPrediction, PathPredictor};
 use rustix::fs::Mode;
 use serde_json::json;
 
 use crate::body::LiveElasticBody;
 use crate::question::{MAX_POINTS, PathReply, PathRequest};
+use crate::session::Succession;
 use crate::threads::{Shared, lock, spawn};
 
 /// Largest number of connected clients.
@@ -61,13 +62,18 @@ const LOOK: Duration = Duration::from_millis(50);
 const ACCEPT: Duration = Duration::from_millis(2);
 
 /// A request to the mapper's thread.
-#[derive(Debug)]
 pub(crate) enum Request {
     /// Hand out a path predictor with clusters of this weight, in average springs.
     Predictor(f64, Sender<PathPredictor>),
     /// Save the field; the answer is the number of the checkpoint, or `None` if an earlier one still waits for the
     /// writer.
     Save(Sender<Option<u64>>),
+    /// How far the mapper has learnt.
+    Position(Sender<LogPosition>),
+    /// The samples of touches from a position on.
+    Log(LogPosition, Sender<Result<TouchLog, MapperError>>),
+    /// Go on with another mapper.
+    GoOnWith(Box<Mapper>, Sender<Result<Succession, MapperError>>),
 }
 
 /// Largest distance of a path beyond a joint limit, rad or m: real arms exceed the limits slightly.

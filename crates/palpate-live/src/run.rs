@@ -16,9 +16,11 @@ use std::thread::{self, ScopedJoinHandle};
 
 use crossbeam_channel::bounded;
 use palpate::Sample;
+use palpate_learn::tune::FixedSettings;
 
 use crate::body::LiveElasticBody;
 use crate::checkpoint::{self, CheckpointConfig, Checkpoints};
+use crate::choose::Chooser;
 use crate::figures::SessionEvent;
 use crate::guard::JointStateMonitor;
 use crate::latest_queue::LatestQueue;
@@ -45,6 +47,8 @@ pub struct LiveConfig {
     pub mapped: Option<Arc<LatestQueue<MappedSample>>>,
     /// The object as an elastic body, if its shape is known.
     pub body: Option<Arc<LiveElasticBody>>,
+    /// If settings are chosen by cross-validation during the session: those that the user has given, which stay.
+    pub choose: Option<FixedSettings>,
 }
 
 /// A mapped sample and its outcome.
@@ -97,6 +101,8 @@ pub fn run(
         let checker = mapper.path_checker();
         let (checkpoints, to_write) = config.checkpoint.as_ref().map(Checkpoints::new).unzip();
         let (to_mapper, requests) = bounded(REQUESTS);
+        let chooser =
+            config.choose.map(|given| Chooser::new(mapper, given, to_mapper.clone(), &shared));
         let mapping = Mapping::new(&shared, (session, config), checkpoints, requests);
         let (shared, body) = (&shared, config.body.as_deref());
         let queries = QueryServer { mapper: to_mapper, checker, shared, body: config.body.clone() };
@@ -118,13 +124,12 @@ pub fn run(
                 checkpoint::write(&config.path, (to_write, body), written)
             }));
         }
-        if let Some(ask) = ask {
-            threads.push(spawn(scope, "ask", move || ask.run(&queries)));
-        }
+        threads.extend(ask.map(|ask| spawn(scope, "ask", move || ask.run(&queries))));
         if let Some(body) = body {
             threads.push(spawn(scope, "body", move || body.follow(shared)));
             threads.push(spawn(scope, "body learner", move || body.learn(shared)));
         }
+        threads.extend(chooser.map(|chooser| spawn(scope, "choose", move || chooser.run())));
         let mapper = spawn(scope, "mapper", || mapping.run());
         while !mapper.is_finished() {
             if let Some(event) = shared.events.pop(LOOK) {

@@ -12,7 +12,7 @@
 use std::collections::VecDeque;
 
 use nalgebra::DVector;
-use palpate::unstable::{PauseConfig, PauseDetector};
+use palpate::unstable::{PauseConfig, PauseDetector, TouchLog};
 use palpate::{
     ExternalTorque, ExternalTorqueConfig, Gravity, Mapper, MapperError, ReplayPolicy, Sample,
     SettingError, StepReport, Tare, TorqueSign, TorqueStream, TrackerError,
@@ -42,6 +42,8 @@ const MISREAD: f64 = 3.0;
 const MIN_MISREAD: f64 = 2.0;
 /// They are right if all other combinations leave a residual larger by this, N·m.
 const CLEARED: f64 = 1.0;
+/// Most samples that a mapper may lack to take the place of another one: they delay the next sample.
+const MAX_LAG: usize = 20;
 /// Limit of speed of a joint without one in the URDF, rad/s or m/s.
 const FASTEST: f64 = 3.0;
 
@@ -108,6 +110,14 @@ pub struct Session {
     misread: Option<String>,
     guard: Option<Guard>,
     identified: Option<Identified>,
+}
+
+/// Whether another mapper has taken the place of the one before ([`Session::go_on_with`]).
+pub enum Succession {
+    /// It has; the mapper before.
+    Done(Box<Mapper>),
+    /// It must learn these touches first.
+    Behind(Box<Mapper>, TouchLog),
 }
 
 /// State of a session with an identified arm.
@@ -408,6 +418,22 @@ impl Session {
     /// The guard, if there is one.
     pub fn guard(&self) -> Option<&Guard> {
         self.guard.as_ref()
+    }
+
+    /// Goes on with another mapper of the same arm, which has learnt the touches of the present one with other settings.
+    /// If it lacks more than [`MAX_LAG`] samples, it is returned with the touches that it must still learn.
+    ///
+    /// # Errors
+    ///
+    /// If touches are no longer in memory, or the other mapper cannot use a sample.
+    pub fn go_on_with(&mut self, mut other: Mapper) -> Result<Succession, MapperError> {
+        let log = self.mapper.log_from(other.position())?;
+        if log.n_beyond(other.position(), self.mapper.arm().robot.n_joints()) > MAX_LAG {
+            return Ok(Succession::Behind(Box::new(other), log));
+        }
+        other.catch_up(&log, || true)?;
+        other.go_on_after(&log);
+        Ok(Succession::Done(Box::new(std::mem::replace(&mut self.mapper, other))))
     }
 
     /// The mapper.

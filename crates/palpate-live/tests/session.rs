@@ -11,7 +11,7 @@ use palpate_io::log::{self, LogEvent, LogOptions};
 use palpate_io::robot_files::{ArmOptions, CachePlace, load_arm};
 use palpate_live::guard::{Cause, Guard, GuardConfig, JointStateMonitor, TorqueSource};
 use palpate_live::message::{Header, JointState, Stamp};
-use palpate_live::session::{Session, SessionState, StepOutcome};
+use palpate_live::session::{Session, SessionState, StepOutcome, Succession};
 
 fn arm() -> Arc<Arm> {
     let options = ArmOptions { cache: CachePlace::Off, ..ArmOptions::default() };
@@ -76,6 +76,44 @@ fn a_live_session_learns_the_same_field_as_a_log_of_the_same_touches() {
     assert!(outcomes.iter().all(|outcome| outcome.fault.is_none()));
     // One touch begins in the first pause, one where the joint positions jump.
     assert_eq!(outcomes.iter().filter(|outcome| outcome.begins).count(), 2);
+}
+
+#[test]
+fn a_mapper_with_other_settings_takes_over_in_a_touch_as_if_it_had_been_there_from_the_start() {
+    let (arm, touches) = (arm(), touches(3));
+    let touches: Vec<&[Sample]> = touches.iter().map(|touch| without_last_pause(touch)).collect();
+    let other = || {
+        let mut config = mapper(&arm, 0).config().clone();
+        config.contact.contact_distance_m = 0.03;
+        config.estimator.prior.mean_n_per_m = 0.04;
+        Mapper::new(Arc::clone(&arm), config).unwrap()
+    };
+    let mut live = session(&arm, 0, None);
+    play(&mut live, touches[0]);
+    let (before, after) = touches[1].split_at(touches[1].len() / 2);
+    play(&mut live, before);
+    // A mapper that has learned nothing is too far behind to take over at once.
+    let Succession::Behind(mut second, log) = live.go_on_with(other()).unwrap() else {
+        unreachable!("it lacks a touch and a half")
+    };
+    assert!(second.catch_up(&log, || true).unwrap());
+    play(&mut live, &after[..10]);
+    let Succession::Done(first) = live.go_on_with(*second).unwrap() else {
+        unreachable!("it lacks ten samples")
+    };
+    assert!(first.config() != live.mapper().config());
+    assert_eq!(live.state(), SessionState::Mapping);
+    let outcomes = play(&mut live, &after[10..]);
+    assert!(outcomes.iter().all(|outcome| outcome.torques.is_some() && outcome.fault.is_none()));
+    play(&mut live, touches[2]);
+    live.finish();
+    let mut from_log = other();
+    for touch in &touches {
+        from_log.begin_touch();
+        touch.iter().for_each(|sample| drop(from_log.step(sample).unwrap()));
+        from_log.end_touch().unwrap();
+    }
+    assert!(live.mapper().field() == from_log.field());
 }
 
 #[test]

@@ -5,12 +5,19 @@ use std::sync::Arc;
 
 use nalgebra::DVector;
 use numpy::PyArray1;
-use palpate::{EstimatorKind, ExternalTorqueConfig, MapperError, Sample, TorqueStream};
+use palpate::unstable::{LogPosition, TouchLog};
+use palpate::{
+    EstimatorKind, ExternalTorqueConfig, MapperConfig, MapperError, Sample, TorqueStream,
+};
 use palpate_io::field::{self, SavedField};
+use palpate_learn::LearnError;
+use palpate_learn::choose::{Chosen, MIN_TUNING_TOUCHES, choose_for_log};
+use palpate_work::Progress;
 use palpate_work::elastic::without_body;
 use palpate_work::error::WorkError;
 use palpate_work::settings::{OrAuto, Settings};
 use palpate_work::touches::IfUndecided;
+use palpate_work::tune::given;
 use palpate_work::{arm_file, learn, prior, resume};
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict};
@@ -41,7 +48,9 @@ pub(crate) struct Mapper {
     state: Shared<State>,
     robot: Robot,
     settings: Settings,
-    /// The same for samples one by one, with sign and gravity of the torques as in the file of an identified arm.
+    /// The configuration with which it began.
+    initial: MapperConfig,
+    /// The settings for samples one by one, with sign and gravity of the torques as in the file of an identified arm.
     stream_settings: Settings,
 }
 
@@ -78,8 +87,9 @@ impl Mapper {
             }
             None => None,
         };
+        let initial = mapper.config().clone();
         let state = Shared::new(State { mapper, stream, in_touch });
-        Ok(Self { state, robot, settings, stream_settings })
+        Ok(Self { state, robot, settings, initial, stream_settings })
     }
 
     /// A mapper that resumes from a field.
@@ -95,6 +105,38 @@ impl Mapper {
             resume::mapper(name, &robot.arm, snapshot, progress)
         })?;
         Self::of(mapper, robot, settings)
+    }
+
+    /// A mapper that has learnt the touches of a log with settings chosen for them, and what was chosen.
+    fn chosen_for(
+        &self,
+        log: &TouchLog,
+        progress: &dyn Progress,
+    ) -> Result<(palpate::Mapper, String), WorkError> {
+        let (arm, stopped) = (&self.robot.arm, || progress.stopped());
+        let interrupted = || WorkError::Interrupted { kept: String::new() };
+        progress.note("choosing settings");
+        let found = choose_for_log((arm, &self.initial), log, given(&self.settings), &stopped);
+        let found = found.map_err(|error| match error {
+            LearnError::Stopped => interrupted(),
+            error => WorkError::from(error.to_string()),
+        })?;
+        let Some((Chosen { tuned, calibration }, summary)) = found else {
+            return Err(WorkError::from(format!(
+                "choosing settings needs {MIN_TUNING_TOUCHES} touches in which the arm touches something"
+            )));
+        };
+        if tuned.is_all_noise {
+            let why = "these touches hardly predict each other's torques";
+            return Err(WorkError::from(format!("{why} ({summary})")));
+        }
+        let learn = || {
+            let mapper = palpate::Mapper::new(Arc::clone(arm), tuned.config)?;
+            let mut mapper = mapper.with_calibration(calibration);
+            Ok::<_, MapperError>(mapper.catch_up(log, || !stopped())?.then_some(mapper))
+        };
+        let mapper = learn().map_err(|error| WorkError::from(error.to_string()))?;
+        Ok((mapper.ok_or_else(interrupted)?, summary))
     }
 }
 
@@ -280,6 +322,42 @@ impl Mapper {
             Ok(tally.figures(mapper))
         })?;
         Ok(python(py, &figures)?)
+    }
+
+    /// Chooses the settings that were not given, by cross-validation on the touches in memory as `palpate map` does, and
+    /// learns these touches again with them.
+    ///
+    /// This takes about ten seconds for eleven touches. Meanwhile other threads can use the mapper; what they learn is
+    /// kept. Returns what was chosen, in one line. `progress` is as in `map`. Raises PalpateError, and changes nothing, if
+    /// the method is `ekf`, cells have their own prior means, fewer than three touches meet something, touches hardly
+    /// predict each other, or some are no longer in memory.
+    #[pyo3(signature = (progress = None))]
+    fn choose_settings(
+        &self,
+        py: Python<'_>,
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> Result<String> {
+        let log = {
+            let state = self.state.take(py)?;
+            let mapper = &state.borrow().mapper;
+            if mapper.prior_n_per_m().is_some() || mapper.config().method != EstimatorKind::Map {
+                let why =
+                    "settings are chosen for the method `map` without prior means by cell only";
+                return Err(PalpateError::new_err(why).into());
+            }
+            mapper.log_from(LogPosition::default())?
+        };
+        let (mut mapper, summary) = long(py, progress, |progress| self.chosen_for(&log, progress))?;
+        // What was learned meanwhile: most of it while others can use the mapper, the rest while they wait.
+        let later = self.state.take(py)?.borrow().mapper.log_from(mapper.position())?;
+        py.detach(|| mapper.catch_up(&later, || true))?;
+        let state = self.state.take(py)?;
+        let present = &mut state.borrow_mut().mapper;
+        let last = present.log_from(mapper.position())?;
+        py.detach(|| mapper.catch_up(&last, || true))?;
+        mapper.go_on_after(&last);
+        *present = mapper;
+        Ok(summary)
     }
 
     /// A copy of the present field with its memory; later samples do not change it.

@@ -54,6 +54,24 @@ def test_needs_command_the_field_is_the_same_to_the_bit(
     assert (tmp_path / "field.npz").read_bytes() == path.read_bytes()
 
 
+def test_needs_command_settings_chosen_for_learned_touches_give_the_field_of_the_command(
+    command: Path, plant: Path, robot: palpate.Robot, tmp_path: Path
+) -> None:
+    touches = [plant / f"seq_00{number}" for number in range(4)]
+    run(command, "map", *touches, "-o", tmp_path / "theirs.npz", "--json")
+    mapper = palpate.Mapper(robot)
+    mapper.map(touches[:2], progress=False)
+    with pytest.raises(palpate.PalpateError, match="needs 3 touches"):
+        mapper.choose_settings(progress=False)
+    mapper.map(touches[2:], progress=False)
+    chosen = mapper.choose_settings(progress=False)
+    assert chosen.startswith("chosen by cross-validation on 4 touches"), chosen
+    mapper.save(tmp_path / "ours.npz")
+    assert (tmp_path / "ours.npz").read_bytes() == (tmp_path / "theirs.npz").read_bytes()
+    with pytest.raises(palpate.PalpateError, match="method `map`"):
+        palpate.Mapper(robot, "ekf").choose_settings()
+
+
 def test_a_map_is_the_same_from_a_path_a_log_touches_or_steps(plant: Path, robot: palpate.Robot) -> None:
     log = palpate.open_log([plant / "seq_000", plant / "seq_001"])
     sources: list[Any] = [log, list(log), log.paths, [log.paths[0], list(log)[1]]]

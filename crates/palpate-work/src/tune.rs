@@ -2,11 +2,9 @@
 
 use std::sync::Arc;
 
-use palpate::unstable::Downsampling;
 use palpate::{Arm, Calibration, EstimatorKind, MapperConfig, Sample};
-use palpate_learn::calibrate::calibrate;
-use palpate_learn::torque_errors::RELATIVE_FROM_N_M;
-use palpate_learn::tracked::{TouchSamples, TrackedTouches, largest_torques};
+use palpate_learn::choose::{self, MIN_TUNING_TOUCHES};
+use palpate_learn::tracked::{TouchSamples, TrackedTouches};
 use palpate_learn::tune::{FixedSettings, Search, SearchBudget, Trial, Tuned, Tuner};
 use serde_json::json;
 
@@ -16,15 +14,9 @@ use crate::progress::Progress;
 use crate::settings::{Settings, SettingsError};
 use crate::touches::{RecordedTouch, TouchEvent, Touches};
 
-/// Most touches that [`quickly_tuned`] learns from and predicts, and most samples of them after [`Downsampling`].
-const QUICK_TOUCHES: usize = 16;
-const QUICK_LEARNT: usize = 20_000;
-/// Most touches, and most samples, that are read to pick those touches from.
+/// Most touches, and most samples, that are read to pick those from which settings are chosen.
 const MAX_TOUCHES: usize = 200;
 const MAX_SAMPLES: usize = 500_000;
-
-/// Fewest touches from which settings can be chosen.
-pub(crate) const MIN_TUNING_TOUCHES: usize = 3;
 
 /// How settings are chosen.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -144,16 +136,8 @@ impl Tuning<'_> {
         let stop = || progress.stopped();
         let fault = |error| fault(self.recorded, error, "; nothing was written".to_owned());
         progress.note("calibrating bands");
-        let other;
-        let tracked = if config.contact == self.config.contact {
-            tracked
-        } else {
-            // Tracked anew: the tare depends on the contact model.
-            other = TrackedTouches::new(self.arm, config, self.touches, &stop).map_err(fault)?;
-            &other
-        };
-        let everything: Vec<usize> = (0..self.touches.len()).collect();
-        calibrate(tracked, &everything, config, &stop).map_err(fault)
+        let touches = (self.arm, self.touches, tracked);
+        choose::bands(touches, (self.config, config), &stop).map_err(fault)
     }
 
     /// The touches, tracked under the initial settings, and the result of a search.
@@ -235,7 +219,7 @@ pub fn quickly_tuned(
     });
     match tuned {
         Ok(Some((tuned, calibration))) => {
-            progress.note(&summary(&tuned, (recorded.len(), found)));
+            progress.note(&choose::summary(&tuned, (recorded.len(), found)));
             Ok(TunedSettings { config: tuned.config, calibration })
         }
         Ok(None) => {
@@ -278,9 +262,8 @@ fn first_of(touches: &mut Touches, recorded: &mut Vec<RecordedTouch>) -> Result<
     Ok(true)
 }
 
-/// Keeps the touches from which settings are chosen, in their order: those with the largest torques. Touches without
-/// contact are left out, and weak ones too, if there are enough others. False if touches were left out because of
-/// their number of samples.
+/// Keeps the touches from which settings are chosen ([`choose::pick`]). False if touches were left out because of their
+/// number of samples.
 fn pick(
     recorded: &mut Vec<RecordedTouch>,
     (arm, config): (&Arc<Arm>, &MapperConfig),
@@ -290,62 +273,11 @@ fn pick(
         return Ok(true);
     }
     let samples: Vec<&[Sample]> = recorded.iter().map(|touch| &touch.samples[..]).collect();
-    let torques = largest_torques(arm, config, &samples, &|| progress.stopped())
+    let (kept, are_all) = choose::pick((arm, config), &samples, &|| progress.stopped())
         .map_err(|error| fault(recorded, error, "; nothing was written".to_owned()))?;
-    let learnt = |samples: &[Sample]| {
-        let mut downsampling = Downsampling::default();
-        samples.iter().filter(|sample| downsampling.takes(sample)).count()
-    };
-    let learnt: Vec<usize> = samples.into_iter().map(learnt).collect();
-    let strongest = strongest_first(&torques);
-    let (mut kept, mut all) = (Vec::new(), 0);
-    for &place in &strongest {
-        if kept.len() < QUICK_TOUCHES && all + learnt[place] <= QUICK_LEARNT {
-            kept.push(place);
-            all += learnt[place];
-        }
-    }
     let mut place = 0..;
     recorded.retain(|_| place.next().is_some_and(|place| kept.contains(&place)));
-    Ok(kept.len() == strongest.len().min(QUICK_TOUCHES))
-}
-
-/// Indices of touches, given the largest torque of each, N·m, in descending order: those above [`RELATIVE_FROM_N_M`],
-/// or above 0 if these are fewer than [`MIN_TUNING_TOUCHES`].
-fn strongest_first(torques: &[f64]) -> Vec<usize> {
-    let above = |least: f64| (0..torques.len()).filter(move |place| torques[*place] > least);
-    let least =
-        if above(RELATIVE_FROM_N_M).count() < MIN_TUNING_TOUCHES { 0.0 } else { RELATIVE_FROM_N_M };
-    let mut places: Vec<usize> = above(least).collect();
-    places.sort_by(|a, b| torques[*b].total_cmp(&torques[*a]));
-    places
-}
-
-/// The chosen settings and their score, in one line.
-fn summary(tuned: &Tuned, (touches, found): (usize, usize)) -> String {
-    let (contact, estimator) = (&tuned.config.contact, &tuned.config.estimator);
-    let score = tuned.trials[0].scores.last().copied().filter(|score| score.is_finite());
-    let score = score.map_or(String::new(), |score| format!(" (score {score:.2})"));
-    let of = if touches < found { format!(" of {found}") } else { String::new() };
-    format!(
-        "chosen by cross-validation on {touches}{of} touches{score}: contact distance {:.0} mm, \
-         friction {:.2}, Coulomb friction {:.2}, prior {:.3} ± {:.3} N/m, torque noise {}, stiffness scale {:.2}",
-        1e3 * contact.contact_distance_m,
-        contact.friction,
-        contact.coulomb_friction,
-        estimator.prior.mean_n_per_m,
-        estimator.prior.std_n_per_m,
-        noise(&estimator.torque_std),
-        estimator.stiffness_scale,
-    )
-}
-
-/// The torque noise, N·m, or its range over the joints.
-fn noise(torque_std: &[f64]) -> String {
-    let least = torque_std.iter().copied().fold(f64::INFINITY, f64::min);
-    let most = torque_std.iter().copied().fold(0.0, f64::max);
-    let [least, most] = [least, most].map(|std| format!("{std:.2}"));
-    if least == most { format!("{least} N·m") } else { format!("{least} to {most} N·m") }
+    Ok(are_all)
 }
 
 /// The candidates with their scores, for programs.
@@ -368,22 +300,4 @@ pub fn tuned_settings(tuned: &Tuned, given: &Settings) -> Settings {
     estimator.replays = Some(config.estimator.replays);
     estimator.stiffness_scale = Some(config.estimator.stiffness_scale);
     settings
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_torque_noise_is_one_number_or_a_range_over_the_joints() {
-        assert_eq!(noise(&[0.2]), "0.20 N·m");
-        assert_eq!(noise(&[0.301, 0.2, 0.204]), "0.20 to 0.30 N·m");
-        assert_eq!(noise(&[0.201, 0.2, 0.204]), "0.20 N·m");
-    }
-
-    #[test]
-    fn strong_touches_come_first_and_weak_ones_only_where_there_are_no_others() {
-        assert_eq!(strongest_first(&[0.3, 5.0, 0.0, 2.0, 9.0]), [4, 1, 3]);
-        assert_eq!(strongest_first(&[0.3, 5.0, 0.0, 2.0]), [1, 3, 0]);
-    }
 }

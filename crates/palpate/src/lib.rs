@@ -130,7 +130,7 @@ pub mod unstable {
     pub use crate::estimator::{Estimator, EstimatorState, FrameId, RememberedFrame, Replayed};
     pub use crate::lattice::{CellRows, MAX_COORDINATE_M};
     pub use crate::map::MapEstimator;
-    pub use crate::mapper::{LoggedTouch, NO_STD};
+    pub use crate::mapper::{LogPosition, LoggedTouch, NO_STD, TouchLog};
     pub use crate::path_predictor::{CheckedPath, PathChecker};
     pub use crate::pause_detector::{PauseConfig, PauseDetector};
     pub use crate::prior_means::PriorMeansError;

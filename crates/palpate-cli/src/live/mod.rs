@@ -13,9 +13,12 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use palpate::unstable::PauseConfig;
-use palpate::{Arm, Differentiation, ExternalTorqueConfig, Mapper, TorqueModel, TorqueStream};
+use palpate::{
+    Arm, Differentiation, EstimatorKind, ExternalTorqueConfig, Mapper, TorqueModel, TorqueStream,
+};
 use palpate_io::field::{self, SavedField};
 use palpate_io::log::AngleUnit;
+use palpate_learn::tune::FixedSettings;
 use palpate_live::checkpoint::CheckpointConfig;
 use palpate_live::guard::{Guard, GuardConfig};
 use palpate_live::ros::{
@@ -26,10 +29,11 @@ use palpate_live::{LiveConfig, LiveElasticBody, QuerySocket, SessionEvent, run a
 use palpate_work::Progress;
 use palpate_work::settings::named;
 use palpate_work::torque::{ThresholdSource, threshold};
+use palpate_work::tune::{Tune, given};
 use palpate_work::{arm_file, prior, resume, robot};
 use tempfile::NamedTempFile;
 
-use crate::args::number_in;
+use crate::args::{number_in, quick_or_off};
 use crate::error::CliError;
 use crate::file_paths::FilePaths;
 use crate::object_args::ObjectArgs;
@@ -99,6 +103,13 @@ pub(crate) struct Args {
     /// Take the prior mean of each cell from a field
     #[arg(long, value_name = "FIELD.npz", conflicts_with_all = ["resume", "cloud", "body"])]
     prior: Option<PathBuf>,
+    /// Whether settings that are not given are chosen by cross-validation during the session: `quick` or `off`
+    /// [default: quick; off with --prior, --cloud or --estimator ekf, or if a field is continued]
+    #[arg(
+        long, value_name = "HOW", num_args = 0..=1, default_missing_value = "quick",
+        require_equals = true, value_parser = quick_or_off
+    )]
+    tune: Option<Tune>,
     /// Publish that the robot must stop, unless it is known that no joint's measured or predicted
     /// external torque exceeds this limit, N·m
     #[arg(long, value_name = "LIMIT", value_parser = number_in(f64::MIN_POSITIVE..=f64::MAX, "a number above 0"))]
@@ -362,6 +373,27 @@ impl Args {
         self.output.clone().map(|path| CheckpointConfig { path, every })
     }
 
+    /// Checks the settings. Returns which of them the user has given, if the others are chosen during the session.
+    fn choose(&self, settings: &Settings) -> Result<Option<FixedSettings>, CliError> {
+        if !self.resume {
+            settings.config()?;
+        }
+        let begins_with =
+            self.field().is_some() || self.prior.is_some() || self.object.is_given() || self.no_map;
+        let chooses = match self.tune {
+            Some(Tune::Quick) if begins_with => {
+                return Err(CliError::Usage(
+                    "settings are not chosen with --prior, --cloud, --body or --no-map, or for a field that is \
+                     continued; leave out --tune"
+                        .to_owned(),
+                ));
+            }
+            Some(tune) => tune == Tune::Quick,
+            None => !begins_with && settings.config()?.method == EstimatorKind::Map,
+        };
+        Ok(chooses.then(|| given(settings)))
+    }
+
     /// The file of the field to continue from, if --resume is given and the file exists.
     fn field(&self) -> Option<&Path> {
         self.output.as_deref().filter(|path| self.resume && path.exists())
@@ -452,9 +484,7 @@ fn open_socket(path: &Path) -> Result<QuerySocket, CliError> {
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut settings = args.settings.load()?;
     args.object.select(&mut settings, args.field().is_some())?;
-    if !args.resume {
-        settings.config()?;
-    }
+    let choose = args.choose(&settings)?;
     interrupt::listen(); // from here on, temporary files are made and deleted
     args.check_places(&settings)?;
     let description = args.description(&mut settings, output)?;
@@ -490,6 +520,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         view: feed,
         mapped: Some(reporter.inbox()),
         body: body.clone(),
+        choose,
     };
     let show = |event| reporter.show(event);
     let (session, defect) =

@@ -398,6 +398,15 @@ class Mapper:
         or notebook shows it, True, False, or a callable that gets the numbers of frames done and in total.
         Ctrl-C raises KeyboardInterrupt; the mapper has then learnt all earlier samples and can continue.
         """
+    def choose_settings(self, progress: Progress = None) -> str:
+        """Chooses the settings that were not given, by cross-validation on the touches in memory as `palpate map` does, and
+        learns these touches again with them.
+
+        This takes about ten seconds for eleven touches. Meanwhile other threads can use the mapper; what they learn is
+        kept. Returns what was chosen, in one line. `progress` is as in `map`. Raises PalpateError, and changes nothing, if
+        the method is `ekf`, cells have their own prior means, fewer than three touches meet something, touches hardly
+        predict each other, or some are no longer in memory.
+        """
     def field(self) -> Field:
         """A copy of the present field with its memory; later samples do not change it."""
     def ask(

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use palpate::unstable::ElasticBody;
 use palpate::{Arm, ContactConfig, Field, MapperConfig};
 use palpate_learn::LearnError;
+use palpate_learn::choose::MIN_TUNING_TOUCHES;
 use palpate_learn::elastic::model;
 use palpate_learn::evaluate::{EvaluationPlan, FoldPrediction};
 use palpate_learn::evaluation::Evaluation;
@@ -17,7 +18,7 @@ use crate::elastic::simulate_bodies;
 use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::touches::RecordedTouch;
-use crate::tune::{MIN_TUNING_TOUCHES, Tune};
+use crate::tune::Tune;
 
 mod plan;
 

@@ -5,7 +5,7 @@
 //! and continued as if it had never stopped ([`Snapshot`]). The module opens no file; palpate-io writes
 //! snapshots and fields.
 
-mod forget;
+mod relearn;
 mod sample_log;
 mod snapshot;
 
@@ -14,6 +14,7 @@ use std::sync::Arc;
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
+pub use self::relearn::{LogPosition, TouchLog};
 pub use self::sample_log::{LoggedTouch, NO_STD};
 pub use self::snapshot::Snapshot;
 

@@ -113,6 +113,11 @@ impl SampleLog {
         self.begun
     }
 
+    /// Number of samples of the touch under way.
+    pub(super) fn samples(&self) -> u32 {
+        self.samples
+    }
+
     /// Number of learnt touches of which frames are remembered.
     pub(super) fn learnt(&self) -> u32 {
         self.learnt.len() as u32
@@ -206,23 +211,28 @@ impl SampleLog {
         numbers * size_of::<f64>()
     }
 
+    /// Whether any touch exceeded the limit of the log.
+    pub(super) fn has_lost(&self) -> bool {
+        self.touches.iter().any(|logged| logged.lost)
+    }
+
     /// Whether a touch exceeded the limit of the log, so that its frames cannot be simulated again.
     pub(super) fn is_lost(&self, touch: u32) -> bool {
         self.touches.iter().any(|logged| logged.touch == touch && logged.lost)
     }
 
-    /// The touches of these remembered frames, and the last one if it is still under way (a touch without a tare is
-    /// over before it is ended); and the number of learnt touches whose samples are not among them.
+    /// The touches of these remembered frames, from number `first` on, and the last one if it is still under way (a
+    /// touch without a tare is over before it is ended); and the number of learnt touches whose samples are gone.
     pub(super) fn needed_by(
         &self,
         remembered: &[FrameId],
-        under_way: bool,
+        (first, under_way): (u32, bool),
     ) -> (Vec<LoggedTouch>, u32) {
         let needed = touches_of(remembered);
         let is_open = |touch: &LoggedTouch| touch.open && under_way;
         let keep =
             |touch: &&LoggedTouch| !touch.lost && (is_open(touch) || needed.contains(&touch.touch));
-        let kept = self.touches.iter().filter(keep);
+        let kept = self.touches.iter().filter(|touch| touch.touch >= first).filter(keep);
         let kept =
             kept.map(|touch| LoggedTouch { open: is_open(touch), ..touch.clone() }).collect();
         let goes = |touch: &&LoggedTouch| {

@@ -62,7 +62,7 @@ impl Mapper {
         state.remembered.retain(|frame| !self.log.is_lost(frame.id.touch));
         let remembered: Vec<FrameId> = state.remembered.iter().map(|frame| frame.id).collect();
         let arm = self.tracker.arm();
-        let (sample_log, gone) = self.log.needed_by(&remembered, self.tracker.is_in_touch());
+        let (sample_log, gone) = self.log.needed_by(&remembered, (0, self.tracker.is_in_touch()));
         Snapshot {
             config: self.config.clone(),
             robot: (arm.robot.name().to_owned(), arm.fingerprint()),
