@@ -18,7 +18,7 @@ use palpate_io::field::SavedField;
 use palpate_learn::LearnError;
 use palpate_learn::elastic::ElasticBodyLearner;
 
-use crate::background::{nice_pool, on};
+use crate::background::{Share, nice_pool, on};
 use crate::latest_queue::LatestQueue;
 use crate::run::MappedSample;
 use crate::session::SessionState;
@@ -150,7 +150,7 @@ impl LiveElasticBody {
 
     /// The thread that bends the body and records the samples of touches.
     pub(crate) fn follow(&self, shared: &Shared) {
-        let pool = nice_pool("bend");
+        let pool = nice_pool("bend", Share::All);
         let mut now = Bent::clone(&lock(&self.bent));
         let (mut recorder, mut bent_s, mut lost) = (Recorder::default(), None::<f64>, 0);
         loop {
@@ -207,7 +207,7 @@ impl LiveElasticBody {
 
     /// The thread that learns the body, touch by touch.
     pub(crate) fn learn(&self, shared: &Shared) {
-        let pool = nice_pool("learn");
+        let pool = nice_pool("learn", Share::All);
         // `pending`: touches not simulated yet, at first all that were saved. The last `new` of them are
         // not learnt yet.
         let (mut learner, mut pending, mut new) = {

@@ -16,7 +16,7 @@ use palpate_learn::LearnError;
 use palpate_learn::choose::{Chosen, MIN_TUNING_TOUCHES, choose_for_log};
 use palpate_learn::tune::FixedSettings;
 
-use crate::background::{nice_pool, on};
+use crate::background::{Share, nice_pool, on};
 use crate::query_server::Request;
 use crate::session::Succession;
 use crate::threads::Shared;
@@ -59,7 +59,7 @@ impl<'a> Chooser<'a> {
 
     /// Chooses when there are three touches in contact, and again whenever there are a quarter more.
     pub(crate) fn run(&self) {
-        let pool = nice_pool("choose");
+        let pool = nice_pool("choose", Share::Half);
         if let Err(Failure::Forgotten(error)) = on(pool.as_ref(), || self.follow()) {
             self.shared.note(format!("settings are no longer chosen: {error}"));
         }
