@@ -448,17 +448,18 @@ fn a_mapper_that_catches_up_in_pieces_equals_the_one_that_goes_on_meanwhile() {
         let mut config = config(method);
         config.estimator.memory.frames = 10_000;
         let new = || Mapper::new(Arc::clone(&arm), config.clone()).unwrap();
-        let at = |sample: &Sample, time_s| {
+        // 55 ms and 20 ms apart in turn: every other sample is too close to the one before.
+        let at = |sample: &Sample, n: usize| {
+            let time_s = 1e9 + 0.0375 * n as f64 + 0.0175 * (n % 2) as f64;
             Sample::new(Some(time_s), sample.q.clone(), sample.tau.clone())
         };
         let (mut first, mut second) = (new(), new());
+        assert_eq!(touches[2].len() % 2, 0, "so that the first sample after it is too close");
         for (number, samples) in touches.iter().enumerate() {
             first.begin_touch();
             first.name_touch(&format!("touch {number}"));
             for (n, sample) in samples.iter().enumerate() {
-                // 55 ms and 20 ms apart in turn: every other sample is too close to the one before.
-                let time_s = 1e9 + 0.0375 * n as f64 + 0.0175 * (n % 2) as f64;
-                first.step(&at(sample, time_s)).unwrap();
+                first.step(&at(sample, n)).unwrap();
                 // Across the begin of a touch, in the middle of one, and not at all in the last half of the second.
                 if [3, 11, 12, 25].contains(&n) && number != 1 {
                     let log = first.log_from(second.position()).unwrap();
@@ -480,7 +481,7 @@ fn a_mapper_that_catches_up_in_pieces_equals_the_one_that_goes_on_meanwhile() {
         for mapper in [&mut first, &mut second] {
             let last = touches[2].last().unwrap();
             for n in 0..5 {
-                mapper.step(&at(last, 1e9 + 3.0 + 0.02 * f64::from(n))).unwrap();
+                mapper.step(&at(last, touches[2].len() + n)).unwrap();
             }
             mapper.end_touch().unwrap();
             learn(mapper, &touches[0]);
