@@ -153,6 +153,82 @@ fn currents_of_a_ur_get_gains_and_are_refused_without_them() {
 }
 
 #[test]
+fn currents_in_arrays_are_recognised_by_the_names_of_universal_robots() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write_logs(&path("free"), false);
+    let samples = samples(&path("free/seq_0"));
+    let table = |of: fn(&Sample) -> &[f64]| -> Vec<f64> {
+        samples.iter().flat_map(|sample| of(sample).to_vec()).collect()
+    };
+    fs::create_dir(path("currents")).unwrap();
+    let shape = [samples.len(), 7];
+    npy(&path("currents/actual_q.npy"), &shape, &table(|sample| &sample.q));
+    npy(&path("currents/actual_current.npy"), &shape, &table(|sample| &sample.tau));
+    refuse(
+        palpate().arg("torque").arg(path("currents")).arg("-o").arg(path("none.csv")),
+        2,
+        &["/currents`", "motor currents", "palpate identify"],
+    );
+    let report = json(palpate().args(["inspect", "--json"]).arg(path("currents")));
+    assert_eq!(report["paths"][0]["findings"][0]["code"], "currents");
+}
+
+#[test]
+fn columns_of_external_torques_contain_no_gravity_and_get_their_sign_from_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write_identified(folder.path());
+    let robot = loaded();
+    // Writes `factor` times the torques without a share of those of gravity.
+    let write = |log: &str, factor: f64, share: f64| {
+        let joint = |what: &str| (0..7).map(|j| format!(",{what}_{j}")).collect::<String>();
+        let mut text = format!("time{}{}", joint("q"), joint("external_torque"));
+        for sample in samples(&path("free/seq_0")) {
+            text += &format!("\n{}", sample.time_s.unwrap());
+            let gravity = robot.gravity_torque(&robot.forward(&sample.q).unwrap());
+            let torques = sample.tau.iter().zip(&gravity);
+            let external = torques.map(|(tau, gravity)| factor * (tau - share * gravity));
+            sample.q.iter().copied().chain(external).for_each(|x| text += &format!(",{x}"));
+        }
+        fs::write(path(log), text).unwrap();
+    };
+    let known = "holds external torques: gravity is not subtracted";
+    for (log, factor, word) in [("plus.csv", 1.0, "plus"), ("minus.csv", -1.0, "minus")] {
+        write(log, factor, 1.0);
+        let (_, said) = printed(palpate().args(["torque", "--json"]).arg(path(log)));
+        holds(
+            &said,
+            &[known, &format!("the torques contain no gravity, and their sign is {word}")],
+        );
+        let report = json(palpate().args(["inspect", "--json"]).arg(path(log)));
+        assert!(!report["paths"][0]["findings"].to_string().contains("\"gravity\""), "{report}");
+        refuse(
+            palpate().args(["torque", "--gravity", "included", "--json"]).arg(path(log)),
+            2,
+            &["external torques, from which the robot has subtracted gravity"],
+        );
+    }
+    let mut with_arm = torque(&path("plus.csv"), &path("arm.toml"));
+    let (_, said) = printed(with_arm.arg("--json"));
+    holds(
+        &said,
+        &["these torques contain no gravity, and --arm was identified on torques that do"],
+    );
+    // A payload that the robot does not know: without the names, these are taken for torques with gravity.
+    write("payload.csv", 1.0, 0.5);
+    let mut torque = palpate();
+    torque.args(["torque", "--torque-sign", "plus", "--json"]).arg(path("payload.csv"));
+    let with_gravity = "the torques contain gravity, and their sign is plus";
+    let (_, said) = printed(&mut torque);
+    holds(&said, &[known]);
+    assert!(!said.contains(with_gravity), "{said}");
+    let renamed = fs::read_to_string(path("payload.csv")).unwrap().replace("external_", "");
+    fs::write(path("payload.csv"), renamed).unwrap();
+    holds(&printed(&mut torque).1, &[with_gravity]);
+}
+
+#[test]
 fn currents_that_are_logged_as_efforts_are_recognised_by_gravity() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);

@@ -101,8 +101,7 @@ pub(super) fn convert(
     drop(bar);
     fault.map_or(written, Err)?;
     touches.report_warnings(output);
-    let named = touches.describe().columns.and_then(|columns| columns.angle_unit());
-    let is_said = settings.log.angle_unit_given().or(named).is_some();
+    let is_said = settings.log.angle_unit_given().or(touches.describe().angle_unit).is_some();
     if 2 * beyond > samples && !is_said {
         output.warn(
             "most positions are beyond two turns, and are written as radians: if they are degrees, convert again with \

@@ -110,8 +110,8 @@ pub enum TableError {
     Value { path: PathBuf, row: u64, column: String, reason: String },
     /// Files of one log with different kinds of torques.
     #[error(
-        "`{path}`: this file and those before it have different columns: measured torques, motor \
-         currents or external torques; read the files of each kind separately"
+        "`{path}`: this file and those before it hold different quantities: measured torques, external \
+         torques of one maker or another, or motor currents; read the files of each kind separately"
     )]
     CurrentsAndTorques { path: PathBuf },
     /// A touch column that is empty in all rows.

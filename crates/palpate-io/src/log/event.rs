@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use palpate::Sample;
+use palpate::{Sample, TorqueSign};
 use serde::Serialize;
 
 use super::error::LogError;
-use super::options::{CsvColumns, TimeUnit};
+use super::options::{AngleUnit, CsvColumns, TimeUnit};
 
 /// One event of a log.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,6 +52,8 @@ pub struct LogDescription {
     pub joints: Option<usize>,
     /// Kind of the logged torques.
     pub torques: LoggedTorques,
+    /// Unit of the positions in the file, if the names of columns or the type of message say it.
+    pub angle_unit: Option<AngleUnit>,
     /// The columns that are read, for a table: those of its first file; two columns of one time are joined by `and`.
     pub columns: Option<CsvColumns>,
 }
@@ -63,8 +65,8 @@ pub enum LoggedTorques {
     /// Not said: they may contain gravity.
     #[default]
     Unknown,
-    /// External torques: gravity has been subtracted.
-    External,
+    /// External torques: gravity has been subtracted. With their sign, if the maker's convention is known.
+    External(Option<TorqueSign>),
     /// Motor currents, A.
     Currents,
 }

@@ -99,8 +99,9 @@ impl<F: TouchFile> TouchFiles<F> {
         }
         let (path, format) = (path.to_owned(), F::FORMAT);
         let torques = torques.unwrap_or_default();
+        let angle_unit = columns.as_ref().and_then(CsvColumns::angle_unit);
         let description =
-            LogDescription { path, format, touches, samples, joints, torques, columns };
+            LogDescription { path, format, touches, samples, joints, torques, angle_unit, columns };
         files.reverse();
         let (options, begun) = (options.clone(), HashSet::new());
         let (ahead, current, touch) = (files, None, None);

@@ -1,12 +1,14 @@
 //! Touches as folders of npy files, the layout of OpenVSF: `seq_0/angles.npy`, `torques.npy`.
 //!
-//! | file          | or a name like that of a CSV column      | shape      | unit | needed |
-//! |---------------|------------------------------------------|------------|------|--------|
-//! | `angles.npy`  | `q.npy`, `joint_positions.npy`, ...      | T x n      | rad  | yes    |
-//! | `torques.npy` | `tau.npy`, `measured_torques.npy`, ...   | T x n      | N·m  | yes    |
-//! | `time.npy`    | `t.npy`, `timestamps_ns.npy`, ...        | T or T x 1 | s ¹  | no     |
+//! | file          | or a name like that of a CSV column      | shape      | unit  | needed |
+//! |---------------|------------------------------------------|------------|-------|--------|
+//! | `angles.npy`  | `q.npy`, `joint_positions.npy`, ...      | T x n      | rad   | yes    |
+//! | `torques.npy` | `tau.npy`, `measured_torques.npy`, ...   | T x n      | N·m ¹ | yes    |
+//! | `time.npy`    | `t.npy`, `timestamps_ns.npy`, ...        | T or T x 1 | s ²   | no     |
 //!
-//! ¹ Or another unit, by [`LogOptions::time_unit`].
+//! ¹ If there is no such array, external torques (`external_torques.npy`), or else motor currents
+//! (`actual_current.npy`), A.
+//! ² Or another unit, by [`LogOptions::time_unit`].
 //!
 //! A log is one such folder or a folder of them, read in natural order. The files of a touch are
 //! read in parallel, a block of rows at a time. Shapes and lengths of *all* touches are checked
@@ -21,7 +23,7 @@ use palpate::Sample;
 use super::MAX_JOINTS;
 use super::columns::{POSITIONS, Spelling, TORQUES, Time};
 use super::error::LogError;
-use super::event::LogFormat;
+use super::event::{LogFormat, LoggedTorques};
 use super::files::{FileDescription, TouchFile};
 use super::folder;
 use super::options::LogOptions;
@@ -45,6 +47,7 @@ pub(super) fn is_touch(folder: &Path) -> bool {
 struct Arrays {
     angles: PathBuf,
     torques: PathBuf,
+    kind: LoggedTorques,
     time: Option<(Time, PathBuf)>,
 }
 
@@ -53,26 +56,29 @@ impl Arrays {
     /// known name, and as time the first such array.
     fn of(folder: &Path) -> Self {
         let (arrays, names) = Self::named(folder);
-        let called = |name: &str, spelling: &Spelling| {
-            let path = folder.join(name);
-            let of_others =
-                arrays.iter().zip(&names).filter(|(_, name)| spelling.is_of_array(name));
-            let others: Vec<&PathBuf> = of_others.map(|(path, _)| path).collect();
-            match others[..] {
-                [other] if !path.is_file() => other.clone(),
-                _ => path,
-            }
+        let called = |spelling: &Spelling| -> Vec<&PathBuf> {
+            let named = arrays.iter().zip(&names);
+            named.filter(|(_, name)| spelling.is_of_array(name)).map(|(path, _)| path).collect()
         };
-        let (own, time) = (folder.join("time.npy"), Time::at(0, None, &["time".to_owned()]));
+        let or_only = |path: PathBuf, others: &[&PathBuf]| match others {
+            [other] if !path.is_file() => (*other).clone(),
+            _ => path,
+        };
+        let own = folder.join("torques.npy");
+        let others = TORQUES.iter().map(|(kind, spelling)| (*kind, called(spelling)));
+        let mut others = others.filter(|(_, arrays)| !arrays.is_empty() && !own.is_file());
+        let (kind, torques) = others.next().unwrap_or_default();
+        let (clock, time) = (folder.join("time.npy"), Time::at(0, None, &["time".to_owned()]));
         let of_others = || {
             let time = Time::in_one(&names)?;
             let place = time.places().next()?;
             Some((time, arrays[place].clone()))
         };
         Self {
-            angles: called("angles.npy", &POSITIONS),
-            torques: called("torques.npy", &TORQUES),
-            time: if own.is_file() { Some((time, own)) } else { of_others() },
+            angles: or_only(folder.join("angles.npy"), &called(&POSITIONS)),
+            torques: or_only(folder.join("torques.npy"), &torques),
+            kind,
+            time: if clock.is_file() { Some((time, clock)) } else { of_others() },
         }
     }
 
@@ -92,7 +98,7 @@ impl Arrays {
     fn are_called_so(folder: &Path) -> bool {
         let (_, names) = Self::named(folder);
         let any = |spelling: &Spelling| names.iter().any(|name| spelling.is_of_array(name));
-        any(&POSITIONS) && any(&TORQUES)
+        any(&POSITIONS) && TORQUES.iter().any(|(_, spelling)| any(spelling))
     }
 }
 
@@ -109,6 +115,7 @@ pub(super) struct TouchFolder {
     name: String,
     angles: Table,
     torques: Table,
+    kind: LoggedTorques,
     time: Option<(Time, Table)>,
 }
 
@@ -144,12 +151,13 @@ impl TouchFile for TouchFolder {
             let angles = angles.file_name();
             return Err(time.misfit(format!("({frames},), one time for each row of `{angles}`")));
         }
-        Ok(Self { name: name_of(folder), angles, torques, time })
+        Ok(Self { name: name_of(folder), angles, torques, kind: arrays.kind, time })
     }
 
     fn describe(&self) -> FileDescription {
         let (joints, samples) = (Some(self.angles.rows.columns), Some(self.angles.rows.rows));
-        FileDescription { name: self.name.clone(), joints, samples, ..FileDescription::default() }
+        let (name, torques) = (self.name.clone(), self.kind);
+        FileDescription { name, torques, joints, samples, ..FileDescription::default() }
     }
 
     fn check_joints(&self, first: &Path, joints: usize) -> Result<(), LogError> {
@@ -326,6 +334,27 @@ mod tests {
         fs::remove_file(path("angles.npy")).unwrap();
         save(&path("joint_positions.npy"), TWO);
         assert!(complaint(set.path()).contains("angles.npy` does not exist"));
+    }
+
+    #[test]
+    fn external_torques_and_currents_are_read_where_there_are_no_measured_torques() {
+        let set = tempfile::tempdir().unwrap();
+        let folder = set.path().join("push");
+        let kind = || open(set.path(), &LogOptions::default()).unwrap().describe().torques;
+        let tau = || match &read(set.path()).unwrap()[1] {
+            LogEvent::Sample(sample) => sample.tau.clone(),
+            LogEvent::TouchStarts { .. } => panic!("the second event is a sample"),
+        };
+        save(&folder.join("actual_q.npy"), TWO);
+        save(&folder.join("target_q.npy"), &[[9.0; 2]; 2]);
+        save(&folder.join("actual_current.npy"), &[[0.1, 0.2]; 2]);
+        assert_eq!((kind(), tau()), (LoggedTorques::Currents, vec![0.1, 0.2]));
+        save(&folder.join("external_torques.npy"), &[[0.3, 0.4]; 2]);
+        assert_eq!((kind(), tau()), (LoggedTorques::External(None), vec![0.3, 0.4]));
+        save(&folder.join("tau.npy"), &[[0.5, 0.6]; 2]);
+        assert_eq!((kind(), tau()), (LoggedTorques::Unknown, vec![0.5, 0.6]));
+        save(&folder.join("torques.npy"), &[[0.7, 0.8]; 2]);
+        assert_eq!((kind(), tau()), (LoggedTorques::Unknown, vec![0.7, 0.8]));
     }
 
     #[test]

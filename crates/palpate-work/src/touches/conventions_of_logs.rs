@@ -8,7 +8,7 @@ use std::sync::Arc;
 use palpate::{Arm, ExternalTorqueConfig, Gravity, Robot, Sample, TorqueSign};
 use palpate_io::log::{AngleUnit, LogEvent, reorder};
 
-use super::{RecordedTouch, Touches, is_external, is_of_currents};
+use super::{RecordedTouch, Touches, external, is_of_currents};
 use crate::conventions::{ConventionEvidence, KnownConvention, TorqueConvention, Undecided};
 use crate::error::WorkError;
 use crate::held_joints;
@@ -185,7 +185,7 @@ impl Touches {
         if_undecided: IfUndecided,
         progress: &dyn Progress,
     ) -> Result<(), WorkError> {
-        self.conventions_of_messages(settings, progress)?;
+        self.conventions_of_external(settings, progress)?;
         self.conventions_of_currents(of_arm, settings, progress)?;
         let (torque_sign, gravity) = (settings.torque_sign_given(), settings.gravity_given());
         if torque_sign.is_some() && gravity.is_some() {
@@ -279,7 +279,7 @@ impl Touches {
             return Ok(());
         };
         let path = path.display();
-        if let Some((other, _)) = self.logs.all().find(is_external) {
+        if let Some((other, _)) = self.logs.all().find(|log| external(log).is_some()) {
             let other = other.display();
             return Err(WorkError::Usage(format!(
                 "`{other}` holds external torques; wanted motor currents (because of --currents, or the file of --arm)"
@@ -287,11 +287,13 @@ impl Touches {
         }
         if named.is_some() && !self.logs.all().all(|log| is_of_currents(&log)) {
             return Err(WorkError::Usage(format!(
-                "the columns of `{path}` are motor currents, those of other logs are not; give these logs to \
-                 separate commands"
+                "`{path}` holds motor currents, other logs do not; give these logs to separate commands"
             )));
         }
-        let are = if named.is_some() { "the columns are" } else { "the torques are assumed to be" };
+        let are = match named {
+            Some(_) => "by their names, these are",
+            None => "the torques are assumed to be",
+        };
         let mut assumed = Vec::new();
         if settings.torque_sign_given().is_none() {
             let sign = of_arm.torque_sign.unwrap_or(TorqueSign::Minus);
@@ -310,15 +312,19 @@ impl Touches {
         Ok(())
     }
 
-    /// The convention of message types with external torques: no gravity, and the sign of motor torques (minus), since
-    /// libfranka's `tau_ext_hat_filtered` is what the motors exert beyond the model.
-    fn conventions_of_messages(
+    /// The convention of external torques, by the type of message or the names of columns: no gravity, and the sign of
+    /// the maker, if it is known.
+    fn conventions_of_external(
         &self,
         settings: &mut TouchSettings,
         progress: &dyn Progress,
     ) -> Result<(), WorkError> {
-        let Some((path, _)) = self.logs.all().find(is_external) else { return Ok(()) };
+        let logs = || self.logs.all().map(|log| (&log.0, external(log)));
+        let Some((path, Some(sign))) = logs().find(|(_, sign)| sign.is_some()) else {
+            return Ok(());
+        };
         let path = path.display();
+        let all = logs().all(|(_, sign)| sign.is_some());
         match settings.gravity_given() {
             Some(Gravity::Removed) => {}
             Some(Gravity::Included) => {
@@ -327,7 +333,7 @@ impl Touches {
                      give --gravity removed, or leave --gravity out"
                 )));
             }
-            None if !self.logs.all().all(|log| is_external(&log)) => {
+            None if !all => {
                 return Err(WorkError::Usage(format!(
                     "`{path}` holds external torques, without gravity, but for other logs this is not known; \
                      give --gravity if it is right for all, or give these logs to separate commands"
@@ -340,14 +346,32 @@ impl Touches {
                 settings.gravity = Some(OrAuto::Is(Gravity::Removed));
             }
         }
-        let why = "external torques of a Franka have the sign of the motors' torques, minus";
-        match settings.torque_sign_given() {
-            None if self.logs.all().all(|log| is_external(&log)) => {
-                progress.note(why);
-                settings.torque_sign = Some(OrAuto::Is(TorqueSign::Minus));
+        let given = settings.torque_sign_given();
+        if let Some((other, _)) = logs().find(|(_, other)| other.is_some_and(|own| own != sign))
+            && given.is_none()
+        {
+            return Err(WorkError::Usage(format!(
+                "`{path}` and `{}` hold external torques of different makers, whose signs may differ; give these \
+                 logs to separate commands",
+                other.display()
+            )));
+        }
+        let Some(sign) = sign else { return Ok(()) };
+        let why = match sign {
+            TorqueSign::Minus => {
+                "external torques of a Franka have the sign of the motors' torques, minus"
             }
-            Some(TorqueSign::Plus) => {
-                progress.warn(&format!("`{path}`: {why}, but --torque-sign is plus"));
+            TorqueSign::Plus => {
+                "external torques of a KUKA are what the object exerts on the joints: their sign is plus"
+            }
+        };
+        match given {
+            None if all => {
+                progress.note(why);
+                settings.torque_sign = Some(OrAuto::Is(sign));
+            }
+            Some(given) if given != sign => {
+                progress.warn(&format!("`{path}`: {why}, but --torque-sign is {}", word(given)));
             }
             _ => {}
         }

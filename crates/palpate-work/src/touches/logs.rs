@@ -25,8 +25,7 @@ pub(super) struct Logs {
 
 impl Logs {
     pub(super) fn new(logs: Vec<(PathBuf, Box<dyn Log>)>, unit: Option<AngleUnit>) -> Self {
-        let named = |log: &dyn Log| log.describe().columns.and_then(|columns| columns.angle_unit());
-        let unit_said = logs.iter().map(|(_, log)| unit.or_else(|| named(log.as_ref())).is_some());
+        let unit_said = logs.iter().map(|(_, log)| unit.or(log.describe().angle_unit).is_some());
         Self { unit_said: unit_said.collect(), logs, ..Self::default() }
     }
 

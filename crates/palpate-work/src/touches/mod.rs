@@ -17,7 +17,7 @@ use std::collections::{HashSet, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use palpate::{Arm, ContactConfig, ExternalTorqueConfig, Lattice, MapperError, Sample};
+use palpate::{Arm, ContactConfig, ExternalTorqueConfig, Lattice, MapperError, Sample, TorqueSign};
 use palpate_io::input;
 use palpate_io::log::{
     self, AngleUnit, Log, LogDescription, LogEvent, LogOptions, LogWarning, LoggedTorques,
@@ -136,9 +136,9 @@ impl Touches {
         LogCheck::new(arm, place, set, self.checked).without_reported(&self.reported)
     }
 
-    /// Whether the torques of any log are external torques, by its type of message.
+    /// Whether the torques of any log are external torques, by its type of message or the names of its columns.
     pub fn are_external(&self) -> bool {
-        self.logs.all().any(|log| is_external(&log))
+        self.logs.all().any(|log| external(log).is_some())
     }
 
     /// Whether the torques of any log are motor currents, by the names of their columns or because
@@ -419,19 +419,23 @@ fn bytes_of(sample: &Sample) -> usize {
 
 /// Message and remedy for logs of motor currents.
 pub(crate) const CURRENTS: [&str; 2] = [
-    "by their names, the columns are motor currents; to become torques, they need a gain for each joint",
-    "`palpate identify` finds the gains from free motion, and --arm reads the file that it writes; if the columns are \
-     torques, name them in the setting columns (--columns)",
+    "by their names, these are motor currents; to become torques, they need a gain for each joint",
+    "`palpate identify` finds the gains from free motion, and --arm reads the file that it writes; if they are torques, \
+     name their columns in the setting columns (--columns), or call their array torques.npy",
 ];
 
-/// Whether the columns of a log are motor currents.
+/// Whether the torques of a log are motor currents, by the names of its columns or arrays.
 fn is_of_currents((_, log): &&(PathBuf, Box<dyn Log>)) -> bool {
     log.describe().torques == LoggedTorques::Currents
 }
 
-/// Whether the torques of a log are external torques, by its type of message.
-fn is_external((_, log): &&(PathBuf, Box<dyn Log>)) -> bool {
-    log.describe().torques == LoggedTorques::External
+/// For a log of external torques, by its type of message or the names of its columns: their sign, if the maker's
+/// convention is known.
+fn external((_, log): &(PathBuf, Box<dyn Log>)) -> Option<Option<TorqueSign>> {
+    match log.describe().torques {
+        LoggedTorques::External(sign) => Some(sign),
+        _ => None,
+    }
 }
 
 #[cfg(test)]

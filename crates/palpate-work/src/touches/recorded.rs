@@ -93,6 +93,7 @@ impl Log for MemoryLog {
             samples: Some(self.samples),
             joints: None,
             torques: LoggedTorques::Unknown,
+            angle_unit: None,
             columns: None,
         }
     }

@@ -95,6 +95,7 @@ impl BagLog {
             samples: chosen.samples.messages,
             joints: Some(joints.count).filter(|&count| count > 0),
             torques: reading.torques,
+            angle_unit: None,
             columns: None,
         };
         let next_touch = marker.is_none().then(|| stem(path));

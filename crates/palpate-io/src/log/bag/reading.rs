@@ -11,7 +11,7 @@
 
 use std::collections::HashSet;
 
-use palpate::Sample;
+use palpate::{Sample, TorqueSign};
 
 use super::layout::{Layout, Slot, Taken, plain};
 use super::topic::Topic;
@@ -89,7 +89,7 @@ impl MessageReader {
                     .to_owned(),
             );
         };
-        let torques = LoggedTorques::External;
+        let torques = LoggedTorques::External(Some(TorqueSign::Minus));
         let nested = [
             ("measured_joint_state.name", Slot::Names),
             ("measured_joint_state.position", Slot::Positions),

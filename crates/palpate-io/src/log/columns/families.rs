@@ -1,6 +1,7 @@
 //! Groups columns to families (one quantity of all joints), and pairs families of positions with families of torques.
 
 use super::names::{Key, Label, Spelling};
+use crate::log::event::LoggedTorques;
 
 /// Largest number of families; a header with more is refused as ambiguous.
 const MOST: usize = 200;
@@ -61,9 +62,9 @@ impl Family {
         self.key.is_numbered()
     }
 
-    /// Whether its topic is one of external torques.
-    pub(super) fn is_external(&self) -> bool {
-        self.key.is_external()
+    /// Kind of the torques of its topic, if the topic says it.
+    pub(super) fn kind_of_topic(&self) -> Option<LoggedTorques> {
+        self.key.kind_of_topic()
     }
 
     /// Its topic or part of a message, such as `/joint_states/` or `state.`.

@@ -8,6 +8,7 @@
 //! |----------|---------------------------------------------------------|---------------------------------|
 //! | position | `q1`, `joint_position_1`, `position[0]`, `pos1`         | `elbow_position`, `angle_elbow` |
 //! | torque   | `tau1`, `joint_torque_1`, `effort[0]`                   | `elbow_effort`, `torque_elbow`  |
+//! | external | `external_torque_1`, `tau_ext1`                         | `elbow_external_torque`         |
 //! | current  | `current1`, `motor_current_1`, `i_actual_0`             | `elbow_current`                 |
 //! | time     | `time`, `timestamp_ns`, `stamp.sec` and `stamp.nanosec` |                                 |
 //! | touch    | `touch`, `sequence`, `seq`, `episode`                   |                                 |
@@ -18,8 +19,8 @@
 //!
 //! Columns are used only if exactly one family of positions and one of torques have the same joints; an ambiguous
 //! header is an error. Commanded quantities are ignored. Pairs of the same topic have priority over other pairs, and
-//! of two that differ only in `measured`, the measured one is used. If no torques fit, Franka's external torques
-//! (`tau_ext_hat_filtered`) are used, or else motor currents.
+//! of two that differ only in `measured`, the measured one is used. If no measured torques fit, external
+//! torques are used, or else motor currents.
 
 mod families;
 mod names;
@@ -35,7 +36,7 @@ use super::event::LoggedTorques;
 use super::files::FileDescription;
 use super::options::CsvColumns;
 use families::{Family, families, pairs, unpaired};
-use names::{CURRENTS, EXTERNAL_TORQUES, JOINT_NAMES, Label};
+use names::{JOINT_NAMES, Label};
 pub(super) use names::{POSITIONS, Spelling, TORQUES};
 pub(super) use time::{Time, date_s};
 
@@ -139,14 +140,11 @@ impl Columns {
     fn recognised(header: &[String], has_torques: bool) -> Result<Self, String> {
         let all = |spelling: &Spelling| families(header, spelling, !has_torques);
         let (positions, joint_names) = (all(&POSITIONS)?, all(&JOINT_NAMES)?);
-        // In a plan, the positions are paired with themselves instead of with torques.
-        let mut measured = all(if has_torques { &TORQUES } else { &POSITIONS })?;
-        measured.retain(|family| !family.is_external());
-        let found = [
-            (LoggedTorques::Unknown, measured),
-            (LoggedTorques::External, all(&EXTERNAL_TORQUES)?),
-            (LoggedTorques::Currents, all(&CURRENTS)?),
-        ];
+        let found = match has_torques {
+            true => torques_by_kind(header)?,
+            // The positions are paired with themselves.
+            false => vec![(LoggedTorques::Unknown, all(&POSITIONS)?)],
+        };
         let fits = |(_, torques): &&(_, Vec<_>)| !pairs(&positions, torques).is_empty();
         let (kind, torques) = found.iter().find(fits).unwrap_or(&found[0]);
         let pairs = pairs(&positions, torques);
@@ -189,6 +187,22 @@ impl Columns {
             torques: *kind,
         })
     }
+}
+
+/// Families of torques, by kind: by their names, or by their topics if these are of external torques.
+fn torques_by_kind(header: &[String]) -> Result<Vec<(LoggedTorques, Vec<Family>)>, String> {
+    let mut found: Vec<(LoggedTorques, Vec<Family>)> = Vec::new();
+    for (kind, spelling) in &*TORQUES {
+        found.push((*kind, families(header, spelling, false)?));
+    }
+    let (of_topics, rest): (Vec<Family>, Vec<Family>) =
+        std::mem::take(&mut found[0].1).into_iter().partition(|own| own.kind_of_topic().is_some());
+    found[0].1 = rest;
+    for family in of_topics {
+        let kind = found.iter_mut().find(|(kind, _)| Some(*kind) == family.kind_of_topic());
+        kind.expect("external torques are among the kinds").1.push(family);
+    }
+    Ok(found)
 }
 
 /// The only column with this name.
@@ -237,6 +251,7 @@ fn base(name: &str) -> &str {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use palpate::TorqueSign;
 
     fn find(header: &str) -> Result<Columns, String> {
         let header: Vec<String> = header.split(',').map(str::to_owned).collect();
@@ -285,17 +300,51 @@ mod tests {
     }
 
     #[test]
-    fn frankas_external_torques_are_taken_where_there_are_no_others() {
-        for (torque, kind) in
-            [("tau_J", LoggedTorques::Unknown), ("tau_ext_hat_filtered", LoggedTorques::External)]
-        {
-            let header = format!("q_0,q_1,{torque}_0,{torque}_1,current_0,current_1");
-            let columns = find(&header).unwrap();
-            assert_eq!((columns.torques, columns.tau), (kind, vec![2, 3]), "{header}");
+    fn external_torques_are_taken_where_there_are_no_measured_ones() {
+        let (of_unknown_sign, franka, kuka) =
+            (None, Some(TorqueSign::Minus), Some(TorqueSign::Plus));
+        for (header, sign) in [
+            ("x,q_0,q_1,external_torque_0,external_torque_1,current_0,current_1", of_unknown_sign),
+            ("x,q1,q2,tau_ext_1 [Nm],tau_ext_2 [Nm]", of_unknown_sign),
+            ("x,q0,q1,joint_external_torque_0_nm,joint_external_torque_1_nm", of_unknown_sign),
+            ("x,q[0],q[1],torque_external[0],torque_external[1]", of_unknown_sign),
+            ("x,jointPosition1,jointPosition2,externalJointTorque1,externalJointTorque2", None),
+            (
+                "x,/lbr/state/measured_joint_position[0],/lbr/state/measured_joint_position[1],\
+                 /lbr/state/external_torque[0],/lbr/state/external_torque[1],\
+                 /lbr/state/commanded_torque[0],/lbr/state/commanded_torque[1]",
+                of_unknown_sign,
+            ),
+            (
+                "x,/js/elbow/position,/js/wrist/position,/js/elbow/external_torque,\
+                 /js/wrist/external_torque",
+                of_unknown_sign,
+            ),
+            (
+                "x,/iiwa/state/JointPosition/position/a1,/iiwa/state/JointPosition/position/a2,\
+                 /iiwa/state/ExternalJointTorque/torque/a1,/iiwa/state/ExternalJointTorque/torque/a2",
+                of_unknown_sign,
+            ),
+            ("x,q_0,q_1,tau_ext_hat_filtered_0,tau_ext_hat_filtered_1,i_0,i_1", franka),
+            (
+                "x,measured_joint_state.position[0],measured_joint_state.position[1],\
+                 tau_ext_hat_filtered.effort[0],tau_ext_hat_filtered.effort[1]",
+                franka,
+            ),
+            ("x,mp1,mp2,et1,et2,ip1,ip2", kuka),
+            (
+                "x,axisQMsr_iiwa[0],axisQMsr_iiwa[1],axisTauExtMsr_iiwa[0],axisTauExtMsr_iiwa[1]",
+                kuka,
+            ),
+        ] {
+            let columns = find(header).unwrap_or_else(|error| panic!("{header}: {error}"));
+            assert_eq!(columns.torques, LoggedTorques::External(sign), "{header}");
+            assert_eq!((columns.q, columns.tau), (vec![1, 2], vec![3, 4]), "{header}");
         }
-        assert!(find("q_0,external_torque_0").is_err(), "its sign is not known");
-        let both = find("q0,tau_ext_hat_filtered0,tau0").unwrap();
-        assert_eq!((both.torques, both.tau), (LoggedTorques::Unknown, vec![2]));
+        for external in ["tau_ext_hat_filtered", "external_torque", "tau_ext"] {
+            let both = find(&format!("q0,{external}0,tau0,current0")).unwrap();
+            assert_eq!((both.torques, both.tau), (LoggedTorques::Unknown, vec![2]), "{external}");
+        }
     }
 
     /// Headers from the documentation or from recordings of other programs.
@@ -323,6 +372,16 @@ mod tests {
              axisQCmdT1m_LBR_iiwa_7_R800_1[0],axisQCmdT1m_LBR_iiwa_7_R800_1[1],\
              axisTauExtMsr_LBR_iiwa_7_R800_1[0],axisTauExtMsr_LBR_iiwa_7_R800_1[1],cartForce1_X",
             "index,time,mp1,mp2,mt1,mt2,ip1,ip2,et1,et2,record_time_nsec,tsec,tnsec,dt",
+            // PlotJuggler, of the state of lbr_fri_ros2_stack
+            "/lbr/state/time_stamp_nano_sec,/lbr/state/time_stamp_sec,\
+             /lbr/state/measured_joint_position[0],/lbr/state/measured_joint_position[1],\
+             /lbr/state/measured_torque[0],/lbr/state/measured_torque[1],\
+             /lbr/state/commanded_torque[0],/lbr/state/commanded_torque[1],\
+             /lbr/state/external_torque[0],/lbr/state/external_torque[1],\
+             /lbr/state/ipo_joint_position[0],/lbr/state/ipo_joint_position[1],/lbr/state/sample_time",
+            "time_stamp_sec,time_stamp_nano_sec,measured_joint_position_0,measured_joint_position_1,\
+             measured_torque_0,measured_torque_1,commanded_torque_0,commanded_torque_1,\
+             external_torque_0,external_torque_1,ipo_joint_position_0,ipo_joint_position_1",
             // Doosan, and scripts
             "time_stamp,x,actual_joint_position_0,actual_joint_position_1,actual_joint_torque_0,\
              actual_joint_torque_1,external_joint_torque_0,external_joint_torque_1",
@@ -374,8 +433,6 @@ mod tests {
             "q1 (cmd),q2 (cmd),tau1,tau2",
             "desired.q[0],desired.tau[0]",
             "/command/elbow/position,/js/elbow/effort",
-            "measured_joint_state.position[0],tau_ext_hat_filtered.effort[0]",
-            "/iiwa/state/JointPosition/position/a1,/iiwa/state/ExternalJointTorque/torque/a1",
             "q1 [mrad],tau1",
             "q1,tau1 [mNm]",
             "joint_pos_0,joint_torque_0,actual_pos_0",

@@ -2,9 +2,11 @@
 
 use std::sync::LazyLock;
 
+use palpate::TorqueSign;
 use regex::{Regex, RegexBuilder};
 
 use super::base;
+use crate::log::event::LoggedTorques;
 
 /// Patterns for the names of one quantity: of columns of one joint, and of arrays of all joints.
 pub(in crate::log) struct Spelling {
@@ -49,19 +51,29 @@ static EXTERNAL_TOPIC: LazyLock<Regex> =
 
 pub(in crate::log) static POSITIONS: LazyLock<Spelling> =
     LazyLock::new(|| Spelling::new(&["positions?", "angles?", "pos", "q", "mp", r"axisqmsr_\w+?"]));
-pub(in crate::log) static TORQUES: LazyLock<Spelling> = LazyLock::new(|| {
+/// Kinds of torques with the names of their columns and arrays; of several kinds, the first is read.
+pub(in crate::log) static TORQUES: LazyLock<[(LoggedTorques, Spelling); 5]> = LazyLock::new(|| {
     let words = ["torques?", "efforts?", "eff", "tau(?:_?j)?", "tq", "trq", "mt"];
     let of_makers = ["actual_current_as_torque", r"axis(?:tau|torque)msr_\w+?"];
-    Spelling::new(&[&words[..], &of_makers].concat())
+    let any = words[..words.len() - 1].join("|");
+    let external = [
+        format!("(?:external|ext){BETWEEN}?(?:joint{BETWEEN}?)?(?:{any})"),
+        format!("(?:{any}){BETWEEN}?(?:external|ext)"),
+    ];
+    let currents = ["(?:motor_?)?currents?", "curr", "i"];
+    let of = |sign| LoggedTorques::External(sign);
+    [
+        (LoggedTorques::Unknown, Spelling::new(&[&words[..], &of_makers].concat())),
+        (of(Some(TorqueSign::Minus)), Spelling::new(&[FRANKA])),
+        (of(Some(TorqueSign::Plus)), Spelling::new(&["et", r"axistauextmsr_\w+?"])), // KUKA
+        (of(None), Spelling::new(&external.each_ref().map(String::as_str))),
+        (LoggedTorques::Currents, Spelling::new(&currents)),
+    ]
 });
-pub(super) static EXTERNAL_TORQUES: LazyLock<Spelling> = LazyLock::new(|| {
-    // Only Franka's: the sign of others is not known.
-    Spelling::new(&["tau_ext_hat_filtered"])
-});
+/// Franka's name for external torques.
+const FRANKA: &str = "tau_ext_hat_filtered";
 /// Columns that contain the name of a joint in every row.
 pub(super) static JOINT_NAMES: LazyLock<Spelling> = LazyLock::new(|| Spelling::new(&["names?"]));
-pub(super) static CURRENTS: LazyLock<Spelling> =
-    LazyLock::new(|| Spelling::new(&["(?:motor_?)?currents?", "curr", "i"]));
 
 fn ignoring_case(pattern: &str) -> Regex {
     let pattern = RegexBuilder::new(pattern).case_insensitive(true).build();
@@ -167,8 +179,9 @@ impl Key {
         COMMANDED_TOPIC.is_match(&self.topic)
     }
 
-    /// Whether its topic is one of external torques.
-    pub(super) fn is_external(&self) -> bool {
-        EXTERNAL_TOPIC.is_match(&self.topic)
+    /// Kind of the torques of its topic, if the topic says it.
+    pub(super) fn kind_of_topic(&self) -> Option<LoggedTorques> {
+        let sign = self.topic.to_ascii_lowercase().contains(FRANKA).then_some(TorqueSign::Minus);
+        EXTERNAL_TOPIC.is_match(&self.topic).then_some(LoggedTorques::External(sign))
     }
 }

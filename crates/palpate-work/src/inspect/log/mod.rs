@@ -163,8 +163,8 @@ impl LogInspector<'_> {
             touches = self.read(&mut whole.for_arm(self.arm, settings, lattice)?);
         }
         if !touches.is_empty() {
-            let external = log.describe().torques == LoggedTorques::External;
-            let given = self.given(external);
+            let LogDescription { torques, angle_unit, .. } = log.describe();
+            let given = self.given(torques);
             let mut set = self.config.touch.clone();
             set.torque_sign = given.torque_sign.unwrap_or(set.torque_sign);
             set.gravity = given.gravity.unwrap_or(set.gravity);
@@ -173,9 +173,7 @@ impl LogInspector<'_> {
                 place: &(self.config.lattice.clone(), self.config.contact.clone()),
                 set: &set,
                 given,
-                angle_unit: settings
-                    .angle_unit_given()
-                    .or_else(|| facts.columns.as_ref().and_then(CsvColumns::angle_unit)),
+                angle_unit: settings.angle_unit_given().or(angle_unit),
                 matching,
                 is_identified: self.settings.robot.arm.is_some(),
             };
@@ -188,13 +186,16 @@ impl LogInspector<'_> {
         Ok(Some(facts))
     }
 
-    /// The part of the torque convention that is given, or known from the type of message.
-    fn given(&self, external: bool) -> KnownConvention {
+    /// The part of the torque convention that is given, or known from the kind of torques.
+    fn given(&self, torques: LoggedTorques) -> KnownConvention {
         let touch = &self.settings.touch;
-        let (sign, gravity) = (touch.torque_sign_given(), touch.gravity_given());
+        let (sign, gravity) = match torques {
+            LoggedTorques::External(sign) => (sign, Some(Gravity::Removed)),
+            _ => (None, None),
+        };
         KnownConvention {
-            torque_sign: sign.or(external.then_some(TorqueSign::Minus)),
-            gravity: gravity.or(external.then_some(Gravity::Removed)),
+            torque_sign: touch.torque_sign_given().or(sign),
+            gravity: touch.gravity_given().or(gravity),
         }
     }
 
