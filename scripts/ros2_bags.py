@@ -1,7 +1,7 @@
 """Writes a set of touches as ROS 2 bags, and reads bags, with libraries that are not palpate's.
 
     ros2_bags.py write SET FOLDER       mcap_zstd/, mcap_plain/, sqlite/: the touches of SET
-    ros2_bags.py franka SET FOLDER      franka_new/, franka_old/: two layouts of FrankaRobotState
+    ros2_bags.py states SET FOLDER      franka_new/, franka_old/, lbr/, kortex/: messages of makers, see STATES
     ros2_bags.py read BAG               what `rosbags` finds, a line of JSON a message
     ros2_bags.py read-mcap FILE         the same by `mcap` and `mcap_ros2`
 
@@ -24,17 +24,49 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 JOINTS = [f"Actuator{joint}" for joint in range(1, 8)]
 PAUSE_NS = 10_000_000_000  # between touches, so that the clock never goes back
 EPOCH_NS = 1_700_000_000_000_000_000
-ROBOT_STATE = {
-    "franka_new": "std_msgs/Header header\n"
-    "string robot_mode\n"
-    "sensor_msgs/JointState measured_joint_state\n"
-    "sensor_msgs/JointState tau_ext_hat_filtered\n"
-    "bool[3] flags\n",
-    "franka_old": "std_msgs/Header header\n"
-    "float64[7] q\n"
-    "uint8 collided\n"
-    "float64[7] tau_J\n"
-    "float64[7] tau_ext_hat_filtered\n",
+FRANKA = "franka_msgs/msg/FrankaRobotState"
+# Types of messages and their definitions, those of inner messages after lines of `===`; with fewer fields than the
+# makers' messages.
+STATES = {
+    "franka_new": (
+        FRANKA,
+        "std_msgs/Header header\n"
+        "string robot_mode\n"
+        "sensor_msgs/JointState measured_joint_state\n"
+        "sensor_msgs/JointState tau_ext_hat_filtered\n"
+        "bool[3] flags\n",
+    ),
+    "franka_old": (
+        FRANKA,
+        "std_msgs/Header header\n"
+        "float64[7] q\n"
+        "uint8 collided\n"
+        "float64[7] tau_J\n"
+        "float64[7] tau_ext_hat_filtered\n",
+    ),
+    "lbr": (
+        "lbr_fri_idl/msg/LBRState",
+        "float64 sample_time\n"
+        "int8 control_mode\n"
+        "uint32 time_stamp_sec\n"
+        "uint32 time_stamp_nano_sec\n"
+        "float64[7] measured_joint_position\n"
+        "float64[7] measured_torque\n"
+        "float64[7] commanded_torque\n"
+        "float64[7] external_torque\n"
+        "float64 tracking_performance\n",
+    ),
+    "kortex": (
+        "kortex_driver/msg/BaseCyclic_Feedback",
+        "uint32 frame_id\n"
+        "kortex_driver/ActuatorFeedback[] actuators\n"
+        "kortex_driver/MotorFeedback[] motors\n",
+    ),
+}
+INNER = {
+    "kortex_driver/msg/ActuatorFeedback": "uint32 command_id\nfloat32 position\nfloat32 velocity\n"
+    "float32 torque\nfloat32 current_motor\n",
+    "kortex_driver/msg/MotorFeedback": "uint32 motor_id\nfloat32 position\n",
 }
 
 
@@ -97,29 +129,60 @@ def write_touches(source, path, plugin, compression):
             put("/rosout", topics["/rosout"], times_ns[-1], text(data=f"{name} is over"))
 
 
-def write_franka(source, path):
-    """The first touch as robot states of one layout."""
+def write_states(source, path):
+    """The first touch as messages of one maker; external torques of KUKA have the other sign."""
     store = get_typestore(Stores.ROS2_JAZZY)
-    kind = "franka_msgs/msg/FrankaRobotState"
-    store.register(get_types_from_msg(ROBOT_STATE[path.name], kind))
+    kind, definition = STATES[path.name]
+    for name, text in [*INNER.items(), (kind, definition)]:
+        store.register(get_types_from_msg(text, name))
     messages, state = Messages(store), store.types[kind]
+    of = {
+        "franka_new": lambda time_ns, q, tau: state(
+            header=messages.stamp(time_ns),
+            robot_mode="moving",
+            measured_joint_state=messages.joint_state(time_ns, JOINTS, q, 2 * tau),
+            tau_ext_hat_filtered=messages.joint_state(time_ns, JOINTS, 0 * q, tau),
+            flags=np.array([True, False, True]),
+        ),
+        "franka_old": lambda time_ns, q, tau: state(
+            header=messages.stamp(time_ns),
+            q=q,
+            collided=1,
+            tau_J=2 * tau,
+            tau_ext_hat_filtered=tau,
+        ),
+        "lbr": lambda time_ns, q, tau: state(
+            sample_time=0.005,
+            control_mode=3,
+            time_stamp_sec=int(time_ns) // 1_000_000_000,
+            time_stamp_nano_sec=int(time_ns) % 1_000_000_000,
+            measured_joint_position=q,
+            measured_torque=tau,
+            commanded_torque=0 * tau,
+            external_torque=-tau,
+            tracking_performance=1.0,
+        ),
+        "kortex": lambda _, q, tau: state(
+            frame_id=1,
+            actuators=[
+                store.types["kortex_driver/msg/ActuatorFeedback"](
+                    command_id=joint,
+                    position=np.degrees(q[joint]) % 360,
+                    velocity=0.0,
+                    torque=tau[joint],
+                    current_motor=2 * tau[joint],
+                )
+                for joint in range(7)
+            ],
+            motors=[store.types["kortex_driver/msg/MotorFeedback"](motor_id=1, position=99.0)],
+        ),
+    }[path.name]
     _, times_ns, angles, torques = next(touches(source))
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    plugin = StoragePlugin.SQLITE3 if path.name == "lbr" else StoragePlugin.MCAP
+    with Writer(path, version=9, storage_plugin=plugin) as writer:
         topic = writer.add_connection("/robot_state", kind, typestore=store)
         for time_ns, q, tau in zip(times_ns, angles, torques):
-            if path.name == "franka_new":
-                message = state(
-                    header=messages.stamp(time_ns),
-                    robot_mode="moving",
-                    measured_joint_state=messages.joint_state(time_ns, JOINTS, q, 0 * tau),
-                    tau_ext_hat_filtered=messages.joint_state(time_ns, JOINTS, 0 * q, tau),
-                    flags=np.array([True, False, True]),
-                )
-            else:
-                message = state(
-                    header=messages.stamp(time_ns), q=q, collided=1, tau_J=0 * tau,
-                    tau_ext_hat_filtered=tau,
-                )
+            message = of(time_ns, q, tau)
             writer.write(topic, int(time_ns), store.serialize_cdr(message, kind))
 
 
@@ -170,10 +233,10 @@ def main(command, *paths):
         write_touches(source, folder / "sqlite", sqlite, None)
         write_touches(source, folder / "message_zstd", sqlite, CompressionMode.MESSAGE)
         write_touches(source, folder / "file_zstd", mcap, CompressionMode.FILE)
-    elif command == "franka":
+    elif command == "states":
         source, folder = paths
-        for layout in ROBOT_STATE:
-            write_franka(source, folder / layout)
+        for maker in STATES:
+            write_states(source, folder / maker)
     elif command == "read":
         read(paths[0])
     elif command == "read-mcap":

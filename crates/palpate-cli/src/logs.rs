@@ -50,6 +50,7 @@ pub(crate) fn open_more(
     let mut touches = Touches::open(logs, &settings.log.options())?;
     match arm_file::of(&settings.robot, &arm.robot)? {
         Some(model) => {
+            touches.read_measured()?;
             touches.use_arm_model(arm, model, Differentiation::Centred, &settings.touch)?;
         }
         None => touches.refuse_currents()?,

@@ -10,7 +10,8 @@ use std::path::Path;
 use std::process::Command;
 
 use common::{
-    Scene, holds, json, npy, palpate, printed, refuse, samples, succeed, touches, write_touch,
+    Scene, holds, json, npy, palpate, printed, python, refuse, root, samples, succeed, touches,
+    write_touch,
 };
 use palpate::unstable::FrictionState;
 use palpate::{Payload, Robot, Sample};
@@ -226,6 +227,32 @@ fn columns_of_external_torques_contain_no_gravity_and_get_their_sign_from_work()
     let renamed = fs::read_to_string(path("payload.csv")).unwrap().replace("external_", "");
     fs::write(path("payload.csv"), renamed).unwrap();
     holds(&printed(&mut torque).1, &[with_gravity]);
+}
+
+#[test]
+fn needs_rosbags_arms_are_identified_from_measured_torques_in_the_messages_of_makers() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write_logs(&path("free"), false);
+    let mut write = python();
+    write.arg(root().join("scripts/ros2_bags.py")).arg("states");
+    succeed(write.arg(path("free")).arg(path("bags")));
+    let payload = |found: &str| -> f64 {
+        let found: Value = serde_json::from_str(found).unwrap();
+        found["payload"]["mass_kg"]["value"].as_f64().unwrap()
+    };
+    let expected = payload(&succeed(identify(&path("free/seq_0")).arg("--json")));
+    assert!((expected - 1.0).abs() < 0.1, "{expected}");
+    for (bag, is_chosen) in [("bags/lbr", true), ("bags/kortex", false)] {
+        let (found, said) =
+            printed(identify(&path(bag)).arg("--json").arg("-o").arg(path("arm.toml")));
+        holds(&said, &["the torques contain gravity, and their sign is plus"]);
+        assert_eq!(said.contains("the measured torques are read"), is_chosen, "{said}");
+        assert!((payload(&found) - expected).abs() < 0.01, "{bag}: {found}");
+        let (_, said) = printed(torque(&path(bag), &path("arm.toml")).args(["--json", "--strict"]));
+        assert_eq!(said.contains("the measured torques are read"), is_chosen, "{said}");
+        fs::remove_file(path("arm.toml")).unwrap();
+    }
 }
 
 #[test]

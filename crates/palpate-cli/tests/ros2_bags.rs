@@ -8,7 +8,8 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use common::{json, palpate, plant, python, refuse, root, samples, succeed};
+use common::{Scene, json, palpate, plant, python, refuse, root, samples, succeed, write_touch};
+use palpate::{Robot, Sample};
 use palpate_io::field::{load, to_bytes};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -73,7 +74,7 @@ fn needs_rosbags_touches_written_by_rosbags_give_the_field_of_the_arrays_bit_for
 
 #[test]
 fn needs_rosbags_robot_states_of_franka_are_followed_by_their_definition_and_hold_no_gravity() {
-    let bags = bags("franka");
+    let bags = bags("states");
     let removed = ["--gravity", "removed", "--torque-sign", "minus"];
     let arrays = field(&plant().join("seq_000"), &removed);
     for layout in ["franka_new", "franka_old"] {
@@ -84,6 +85,45 @@ fn needs_rosbags_robot_states_of_franka_are_followed_by_their_definition_and_hol
         let report = json(palpate().arg("inspect").arg(bags.path().join(layout)).arg("--json"));
         assert_eq!(report["paths"][0]["format"], "mcap", "{report}");
     }
+}
+
+#[test]
+fn needs_rosbags_external_torques_of_kuka_have_the_sign_plus() {
+    let (bags, folder) = (bags("states"), tempfile::tempdir().unwrap());
+    let negated = samples(&plant().join("seq_000")).into_iter().map(|sample| {
+        let tau = sample.tau.iter().map(|tau| -tau).collect();
+        Sample::new(sample.time_s, sample.q, tau)
+    });
+    write_touch(folder.path(), &negated.collect::<Vec<_>>());
+    let arrays = field(folder.path(), &["--gravity", "removed", "--torque-sign", "plus"]);
+    assert!(field(&bags.path().join("lbr"), &[]) == arrays);
+    let mut map = palpate();
+    map.arg("map").arg(bags.path().join("lbr")).arg("-o").arg(bags.path().join("field.npz"));
+    refuse(map.args(["--gravity", "included"]), 2, &["external torques", "--gravity removed"]);
+    // Another number of joints than the robot has.
+    let scene = Scene::new();
+    let mut map = palpate();
+    map.arg("map").arg(bags.path().join("lbr")).arg("-o").arg(bags.path().join("field.npz"));
+    let wanted = "the log has 7 joints, the robot `tiny` has";
+    refuse(map.args(scene.settings()).arg("--strict"), 1, &["joint_count", wanted]);
+}
+
+#[test]
+fn needs_rosbags_states_of_kinova_are_in_degrees_and_contain_gravity() {
+    let bags = bags("states");
+    let (bag, arrays) = (bags.path().join("kortex"), plant().join("seq_000"));
+    let robot = Robot::built_in("kinova_gen3").unwrap();
+    for (found, expected) in samples(&bag).iter().zip(samples(&arrays)) {
+        let off = robot.difference(&expected.q, &found.q);
+        assert!(off.iter().all(|off| off.abs() < 1e-5), "{off:?}");
+        assert!(found.tau.iter().zip(&expected.tau).all(|(a, b)| (a - b).abs() < 1e-5));
+    }
+    let of = |log: &Path| json(palpate().arg("inspect").arg(log).arg("--json"));
+    let (found, expected) = (of(&bag), of(&arrays));
+    assert_eq!(found["paths"][0]["findings"], expected["paths"][0]["findings"]);
+    let reading = &found["paths"][0]["reading"];
+    assert_eq!(reading["torque_sign"], "plus", "{reading}");
+    assert_eq!(reading["gravity"], "included", "{reading}");
 }
 
 #[test]

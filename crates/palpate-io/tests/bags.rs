@@ -8,9 +8,12 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use mcap::records::MessageHeader;
+use palpate::TorqueSign;
 use palpate_io::log::bag_write::{BagWriter, Compression};
 use palpate_io::log::write::TouchWriter;
-use palpate_io::log::{self, LogEvent, LogFormat, LogOptions, LogWarning, Sample};
+use palpate_io::log::{
+    self, AngleUnit, LogEvent, LogFormat, LogOptions, LogWarning, LoggedTorques, Sample,
+};
 use re_cdr::{CdrWriter, LittleEndian};
 use tempfile::TempDir;
 
@@ -177,6 +180,107 @@ fn topics_are_chosen_if_there_is_a_choice_and_named_if_not() {
     raw.put(second, 0, &state(1, &["b"], &[0.0], &[0.5]));
     let (_kept, path) = raw.done();
     refused(&path, &LogOptions::default(), &["more than one", "--topic", "/joint_states, /other"]);
+}
+
+/// A message of a maker: the numbers of its fields, in their order.
+enum Number {
+    U32(u32),
+    F32(f32),
+    F64(f64),
+}
+
+fn message(numbers: &[Number]) -> Vec<u8> {
+    let mut body = Vec::new();
+    let mut out = CdrWriter::<LittleEndian>::new(&mut body);
+    for number in numbers {
+        match *number {
+            Number::U32(number) => out.write_u32(number),
+            Number::F32(number) => out.write_f32(number),
+            Number::F64(number) => out.write_f64(number),
+        }
+    }
+    [vec![0, 1, 0, 0], body].concat()
+}
+
+#[test]
+fn states_of_kuka_hold_external_torques_and_measured_ones_on_request() {
+    let mut raw = Raw::new();
+    // Releases differ in their fields.
+    let definition = "float64 sample_time\nuint32 time_stamp_sec\nuint32 time_stamp_nano_sec\n\
+        float64[2] measured_joint_position\nfloat64[2] commanded_joint_position\n\
+        float64[2] measured_torque\nfloat64[2] external_torque\n";
+    let topic = raw.channel("/lbr/state", "lbr_fri_idl/msg/LBRState", definition);
+    let mut numbers = vec![Number::F64(0.005), Number::U32(7), Number::U32(500_000_000)];
+    let values = [[0.1, 0.2], [9.0, 9.0], [3.0, 4.0], [0.5, 0.6]];
+    numbers.extend(values.into_iter().flatten().map(Number::F64));
+    raw.put(topic, 1, &message(&numbers));
+    let (_kept, path) = raw.done();
+    let external = LoggedTorques::External(Some(TorqueSign::Plus));
+    for (measured_torques, kind, tau) in
+        [(false, external, [0.5, 0.6]), (true, LoggedTorques::Unknown, [3.0, 4.0])]
+    {
+        let options = LogOptions { measured_torques, ..LogOptions::default() };
+        let description = log::open(&path, &options).unwrap().describe();
+        assert_eq!((description.torques, description.joints), (kind, Some(2)));
+        let (events, _) = read(&path, &options).unwrap();
+        let LogEvent::TouchStarts { joint_names: None, .. } = &events[0] else {
+            panic!("{events:?}")
+        };
+        let expected = Sample::new(Some(7.5), vec![0.1, 0.2], tau.to_vec());
+        assert_eq!(samples(&events), [expected]);
+    }
+}
+
+#[test]
+fn feedback_of_kinova_is_in_degrees_unless_a_unit_is_given() {
+    let mut raw = Raw::new();
+    let definition = "uint32 frame_id\nActuatorFeedback[] actuators\nuint32 last\n\
+        ===\nMSG: kortex_driver/ActuatorFeedback\nuint32 id\nfloat32 position\nfloat32 torque\n";
+    for (kind, name) in [("kortex_driver/msg/BaseCyclic_Feedback", "/a"), ("other/Feedback", "/b")]
+    {
+        let topic = raw.channel(name, kind, definition);
+        let mut numbers = vec![Number::U32(1), Number::U32(2)];
+        for (position, torque) in [(180.0, -2.0), (350.0, 4.0)] {
+            numbers.extend([Number::U32(3), Number::F32(position), Number::F32(torque)]);
+        }
+        numbers.push(Number::U32(9));
+        raw.put(topic, 2_500_000_000, &message(&numbers));
+    }
+    let (_kept, path) = raw.done();
+    let half = std::f64::consts::PI;
+    for (angle_unit, q) in [
+        (None, [half, 350_f64.to_radians()]),
+        (Some(AngleUnit::Deg), [half, 350_f64.to_radians()]),
+        (Some(AngleUnit::Rad), [180.0, 350.0]),
+    ] {
+        let options = LogOptions { angle_unit, ..LogOptions::default() };
+        let description = log::open(&path, &options).unwrap().describe();
+        assert_eq!(description.angle_unit, Some(AngleUnit::Deg));
+        let (events, _) = read(&path, &options).unwrap();
+        assert_eq!(samples(&events), [Sample::new(Some(2.5), q.to_vec(), vec![-2.0, 4.0])]);
+    }
+    let other = LogOptions { topic: Some("/b".to_owned()), ..LogOptions::default() };
+    refused(&path, &other, &["other/Feedback", "not joint states"]);
+}
+
+#[test]
+fn the_only_topic_of_joint_states_is_read_before_those_of_makers() {
+    let mut raw = Raw::new();
+    raw.state(1, &["a"], &[0.25], &[0.5]);
+    let definition = "float64[1] q\nfloat64[1] tau_ext_hat_filtered\nstd_msgs/Header header\n";
+    let definition = format!("{definition}{}", &JOINT_STATE[JOINT_STATE.find("===").unwrap()..]);
+    let topic = raw.channel("/franka", "franka_msgs/msg/FrankaRobotState", &definition);
+    let stamp = [Number::U32(1), Number::U32(0), Number::U32(0)];
+    let numbers: Vec<Number> = [0.75, 2.0].map(Number::F64).into_iter().chain(stamp).collect();
+    raw.put(topic, 1, &message(&numbers));
+    let (_kept, path) = raw.done();
+    let on = |topic: Option<&str>| LogOptions {
+        topic: topic.map(str::to_owned),
+        ..LogOptions::default()
+    };
+    for (topic, q) in [(None, 0.25), (Some("/franka"), 0.75)] {
+        assert_eq!(samples(&read(&path, &on(topic)).unwrap().0)[0].q, [q]);
+    }
 }
 
 #[test]

@@ -22,6 +22,8 @@ pub struct LogOptions {
     pub joints: Option<Vec<String>>,
     /// Largest time between two samples of one touch, s; a longer gap starts a new touch.
     pub split_gap_s: Option<f64>,
+    /// Reads measured torques, with gravity, from messages of a bag that hold external torques as well.
+    pub measured_torques: bool,
     /// Also reads planned motions: in a CSV without torques, all torques are zero.
     pub planned: bool,
     /// Reads a bag that breaks off up to the break, with a warning instead of an error.

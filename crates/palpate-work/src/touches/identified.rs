@@ -62,6 +62,13 @@ impl Touches {
         settings: &mut Settings,
         progress: &dyn Progress,
     ) -> Result<(), WorkError> {
+        // To identify an arm, or to use an identified one, needs torques with gravity.
+        if (model.is_none() || settings.robot.arm.is_some()) && self.read_measured()? {
+            progress.note(&format!(
+                "`{}`: the measured torques are read, which contain gravity, not the external ones",
+                self.first_path()
+            ));
+        }
         let known = model.as_ref().map(|(model, _)| model);
         self.currents |= known.is_some_and(TorqueModel::is_of_currents);
         let of_arm = arm_file::convention(&settings.robot, &arm.robot)?;
@@ -74,6 +81,16 @@ impl Touches {
         model.map_or(Ok(()), |(model, differentiation)| {
             self.use_arm_model(arm, model, differentiation, &settings.touch)
         })
+    }
+
+    /// Reads measured torques, which contain gravity, in place of external ones, if the messages of all logs hold both;
+    /// returns whether they do. No touch may have been read before.
+    ///
+    /// # Errors
+    ///
+    /// If a log cannot be opened again.
+    pub fn read_measured(&mut self) -> Result<bool, WorkError> {
+        Ok(self.logs.read_measured()?)
     }
 
     /// Refuses logs of motor currents, since their gains are unknown.

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
-use palpate_io::log::{AngleUnit, Log, LogError, LogEvent};
+use palpate_io::log::{self, AngleUnit, Log, LogError, LogEvent, LogOptions, LoggedTorques};
 
 /// The number of a log, and an event of it.
 type Numbered = (usize, LogEvent);
@@ -12,7 +12,10 @@ type Numbered = (usize, LogEvent);
 #[derive(Default)]
 pub(super) struct Logs {
     logs: Vec<(PathBuf, Box<dyn Log>)>,
-    /// Whether the unit of positions is given for each log, by the settings or by the names of its columns.
+    /// Options of each log; `None` for touches in memory.
+    options: Vec<Option<LogOptions>>,
+    /// Whether the unit of positions is given for each log, by the settings, the names of its columns or the type of
+    /// its messages.
     unit_said: Vec<bool>,
     /// Number of the log that is being read.
     reading: usize,
@@ -24,15 +27,41 @@ pub(super) struct Logs {
 }
 
 impl Logs {
-    pub(super) fn new(logs: Vec<(PathBuf, Box<dyn Log>)>, unit: Option<AngleUnit>) -> Self {
+    pub(super) fn new(logs: Vec<(PathBuf, Box<dyn Log>)>, options: Option<&LogOptions>) -> Self {
+        let unit = options.and_then(|options| options.angle_unit);
         let unit_said = logs.iter().map(|(_, log)| unit.or(log.describe().angle_unit).is_some());
-        Self { unit_said: unit_said.collect(), logs, ..Self::default() }
+        let options = vec![options.cloned(); logs.len()];
+        Self { unit_said: unit_said.collect(), logs, options, ..Self::default() }
+    }
+
+    /// Begins anew with measured torques, which contain gravity, in place of external torques, if all logs hold both;
+    /// returns whether they do.
+    pub(super) fn read_measured(&mut self) -> Result<bool, LogError> {
+        let is_external =
+            |log: &dyn Log| matches!(log.describe().torques, LoggedTorques::External(_));
+        let mut measured = Vec::new();
+        for ((path, log), options) in self.logs.iter().zip(&self.options) {
+            let Some(options) = options.as_ref().filter(|_| is_external(log.as_ref())) else {
+                return Ok(false);
+            };
+            let options = LogOptions { measured_torques: true, ..options.clone() };
+            let again = log::open(path, &options)?;
+            if is_external(again.as_ref()) {
+                return Ok(false);
+            }
+            measured.push((path.clone(), again));
+        }
+        let is_any = !measured.is_empty();
+        (self.logs, self.reading, self.failed) = (measured, 0, None);
+        self.ahead.clear();
+        Ok(is_any)
     }
 
     /// Adds logs that were not read from yet.
     pub(super) fn join(&mut self, other: Self) {
         self.logs.extend(other.logs);
         self.unit_said.extend(other.unit_said);
+        self.options.extend(other.options);
     }
 
     /// Takes positions without a given unit for degrees: turns those that were read ahead, and all that follow, into

@@ -90,7 +90,7 @@ impl Touches {
         }
         let open = |path: &PathBuf| Ok((path.clone(), log::open(path, options)?));
         let logs = paths.iter().map(open).collect::<Result<Vec<_>, WorkError>>()?;
-        let logs = Logs::new(logs, options.angle_unit);
+        let logs = Logs::new(logs, Some(options));
         let checked = (options.angle_unit.unwrap_or_default(), false);
         Ok(Self { logs, checked, ..Self::default() })
     }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::reading::has_joints;
+use super::reading::{has_joints, is_joint_state};
 use super::topic::{TOUCH_TOPIC, Topic};
 use crate::log::error::BagError;
 use crate::log::options::LogOptions;
@@ -56,13 +56,16 @@ fn named<'a>(path: &Path, topics: &'a [Topic], name: &str) -> Result<&'a Topic, 
     found.ok_or_else(|| unclear(path, format!("there is no topic `{name}`"), topics))
 }
 
-/// The only topic with a supported type of joint states and with messages.
+/// The only topic with a supported type of joint states and with messages, or the only one of them with joint states of
+/// ROS, which drivers publish beside messages of their own types.
 fn only<'a>(path: &Path, topics: &'a [Topic]) -> Result<&'a Topic, BagError> {
     let fit = |topic: &&Topic| has_joints(&topic.kind) && topic.messages != Some(0);
     let fitting: Vec<&Topic> = topics.iter().filter(fit).collect();
-    match fitting[..] {
-        [topic] => Ok(topic),
-        [] => Err(unclear(path, "no topic holds joint states".to_owned(), topics)),
+    let of_ros: Vec<&Topic> =
+        fitting.iter().copied().filter(|topic| is_joint_state(&topic.kind)).collect();
+    match (&fitting[..], &of_ros[..]) {
+        ([topic], _) | (_, [topic]) => Ok(topic),
+        ([], _) => Err(unclear(path, "no topic holds joint states".to_owned(), topics)),
         _ => {
             let names: Vec<&str> = fitting.iter().map(|topic| topic.name.as_str()).collect();
             let reason = format!(

@@ -81,7 +81,7 @@ impl BagLog {
         }
         let Some(format) = format else { return Err(LogError::Empty { path: path.to_owned() }) };
         let chosen = choose::choose(path, &topics, options)?;
-        let reading = MessageReader::of(&chosen.samples).map_err(|reason| {
+        let reading = MessageReader::of(&chosen.samples, options).map_err(|reason| {
             let Topic { name, kind, .. } = chosen.samples.clone();
             BagError::Layout { path: path.to_owned(), topic: name, kind, reason }
         })?;
@@ -95,7 +95,7 @@ impl BagLog {
             samples: chosen.samples.messages,
             joints: Some(joints.count).filter(|&count| count > 0),
             torques: reading.torques,
-            angle_unit: None,
+            angle_unit: reading.angle_unit,
             columns: None,
         };
         let next_touch = marker.is_none().then(|| stem(path));

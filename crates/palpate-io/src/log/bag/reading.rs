@@ -1,13 +1,14 @@
 //! Converts messages to samples and to names of touches, for each supported type.
 //!
-//! | type                           | positions                            | torques                |
-//! |--------------------------------|--------------------------------------|------------------------|
-//! | `sensor_msgs/JointState`       | `position`                           | `effort`               |
-//! | `franka_msgs/FrankaRobotState` | `measured_joint_state.position`, `q` | `tau_ext_hat_filtered` |
+//! | type                                | positions                            | torques                |
+//! |-------------------------------------|--------------------------------------|------------------------|
+//! | `sensor_msgs/JointState`            | `position`                           | `effort`               |
+//! | `franka_msgs/FrankaRobotState`      | `measured_joint_state.position`, `q` | `tau_ext_hat_filtered` |
+//! | `lbr_fri_idl/LBRState`              | `measured_joint_position`            | `external_torque`      |
+//! | `kortex_driver/BaseCyclic_Feedback` | `actuators.position`, degrees        | `actuators.torque`     |
 //!
-//! Franka's robot state has had several layouts; each is read by its definition. Its torques are
-//! external ones, without gravity. Markers are messages whose field `data`, if there is one, names
-//! the touch.
+//! Messages are read by their definitions, since most of these types have had several layouts. Torques of Franka and
+//! KUKA are external ones, without gravity. Markers are messages whose field `data`, if there is one, names the touch.
 
 use std::collections::HashSet;
 
@@ -16,6 +17,7 @@ use palpate::{Sample, TorqueSign};
 use super::layout::{Layout, Slot, Taken, plain};
 use super::topic::Topic;
 use crate::log::event::LoggedTorques;
+use crate::log::options::{AngleUnit, LogOptions};
 
 /// Definition of a joint state for bags that contain none, and for writing; [`HEADER`] is appended.
 const JOINT_STATE: &str = "std_msgs/Header header
@@ -41,14 +43,102 @@ pub(super) fn joint_state() -> String {
     [JOINT_STATE, HEADER].concat()
 }
 
+/// What is read from messages of a type. A type that has had several layouts occurs once for each.
+struct Fields {
+    kinds: &'static [&'static str],
+    slots: &'static [(&'static str, Slot)],
+    torques: LoggedTorques,
+    /// Field of measured torques with gravity, in messages whose `torques` are external ones.
+    measured: Option<&'static str>,
+    /// Unit of the positions, if it is not that of ROS.
+    angle_unit: Option<AngleUnit>,
+}
+
+impl Fields {
+    /// The fields to read and the kind of their torques, with `measured` torques if the message holds any.
+    fn chosen(&self, measured: bool) -> (Vec<(&'static str, Slot)>, LoggedTorques) {
+        let Some(field) = self.measured.filter(|_| measured) else {
+            return (self.slots.to_vec(), self.torques);
+        };
+        let others = self.slots.iter().filter(|(_, slot)| *slot != Slot::Torques);
+        (others.copied().chain([(field, Slot::Torques)]).collect(), LoggedTorques::Unknown)
+    }
+}
+
 const JOINT_STATE_TYPE: &str = "sensor_msgs/JointState";
-const ROBOT_STATE_TYPE: &str = "franka_msgs/FrankaRobotState";
-const STAMP: [(&str, Slot); 2] =
-    [("header.stamp.sec", Slot::Seconds), ("header.stamp.nanosec", Slot::Nanoseconds)];
+const SEC: (&str, Slot) = ("header.stamp.sec", Slot::Seconds);
+const NANOSEC: (&str, Slot) = ("header.stamp.nanosec", Slot::Nanoseconds);
+
+const KNOWN: [Fields; 5] = [
+    Fields {
+        kinds: &[JOINT_STATE_TYPE],
+        slots: &[
+            SEC,
+            NANOSEC,
+            ("name", Slot::Names),
+            ("position", Slot::Positions),
+            ("effort", Slot::Torques),
+        ],
+        torques: LoggedTorques::Unknown,
+        measured: None,
+        angle_unit: None,
+    },
+    Fields {
+        kinds: FRANKA,
+        slots: &[
+            SEC,
+            NANOSEC,
+            ("measured_joint_state.name", Slot::Names),
+            ("measured_joint_state.position", Slot::Positions),
+            ("tau_ext_hat_filtered.effort", Slot::Torques),
+        ],
+        torques: LoggedTorques::External(Some(TorqueSign::Minus)),
+        measured: Some("measured_joint_state.effort"),
+        angle_unit: None,
+    },
+    Fields {
+        kinds: FRANKA,
+        slots: &[SEC, NANOSEC, ("q", Slot::Positions), ("tau_ext_hat_filtered", Slot::Torques)],
+        torques: LoggedTorques::External(Some(TorqueSign::Minus)),
+        measured: Some("tau_J"),
+        angle_unit: None,
+    },
+    Fields {
+        kinds: &["lbr_fri_idl/LBRState", "lbr_fri_msgs/LBRState"],
+        slots: &[
+            ("time_stamp_sec", Slot::Seconds),
+            ("time_stamp_nano_sec", Slot::Nanoseconds),
+            ("measured_joint_position", Slot::Positions),
+            ("external_torque", Slot::Torques),
+        ],
+        torques: LoggedTorques::External(Some(TorqueSign::Plus)),
+        measured: Some("measured_torque"),
+        angle_unit: None,
+    },
+    Fields {
+        kinds: &["kortex_driver/BaseCyclic_Feedback", "kortex_driver/BaseCyclicFeedback"],
+        slots: &[("actuators.position", Slot::Positions), ("actuators.torque", Slot::Torques)],
+        torques: LoggedTorques::Unknown,
+        measured: None,
+        angle_unit: Some(AngleUnit::Deg),
+    },
+];
+const FRANKA: &[&str] = &["franka_msgs/FrankaRobotState"];
+
+/// What may be read from messages of a type; nothing if it is not known.
+fn known(kind: &str) -> impl Iterator<Item = &'static Fields> {
+    let kind = plain(kind);
+    KNOWN.iter().filter(move |fields| fields.kinds.contains(&kind.as_str()))
+}
 
 /// Whether joint states can be read from messages of this type.
 pub(super) fn has_joints(kind: &str) -> bool {
-    [JOINT_STATE_TYPE, ROBOT_STATE_TYPE].contains(&plain(kind).as_str())
+    known(kind).next().is_some()
+}
+
+/// Whether messages of this type are joint states of ROS.
+pub(super) fn is_joint_state(kind: &str) -> bool {
+    plain(kind) == JOINT_STATE_TYPE
 }
 
 /// Conversion of the messages of a topic to samples.
@@ -56,6 +146,10 @@ pub(super) fn has_joints(kind: &str) -> bool {
 pub(super) struct MessageReader {
     layout: Layout,
     pub(super) torques: LoggedTorques,
+    /// Unit of the positions in the messages, if it is not that of ROS.
+    pub(super) angle_unit: Option<AngleUnit>,
+    /// Unit from which positions are converted to radians.
+    converted: Option<AngleUnit>,
     /// Whether messages contain joint names.
     named: bool,
 }
@@ -66,44 +160,37 @@ pub(super) struct Joints {
     /// `None` if the messages contain no joint names.
     pub(super) names: Option<Vec<String>>,
     pub(super) count: usize,
-    /// Whether the headers have no time, so that the time of recording is used.
+    /// Whether the messages have no time, so that the time of recording is used.
     pub(super) by_log_time: bool,
 }
 
 impl MessageReader {
-    /// The conversion for a topic whose type [`has_joints`]. The error is the end of a message.
-    pub(super) fn of(topic: &Topic) -> Result<Self, String> {
+    /// The conversion for a topic whose type [`has_joints`]. Positions of a type with another unit than that of ROS
+    /// become radians, unless the options give a unit. The error is the end of a message.
+    pub(super) fn of(topic: &Topic, options: &LogOptions) -> Result<Self, String> {
         let kind = plain(&topic.kind);
-        let with_stamp = |fields: &[(&'static str, Slot)]| [&STAMP[..], fields].concat();
-        if kind == JOINT_STATE_TYPE {
-            let fields =
-                [("name", Slot::Names), ("position", Slot::Positions), ("effort", Slot::Torques)];
-            let definition = topic.definition.clone().unwrap_or_else(joint_state);
-            let layout = Layout::of(&kind, &definition, &with_stamp(&fields))?;
-            return Ok(Self { layout, torques: LoggedTorques::Unknown, named: true });
-        }
-        let Some(definition) = &topic.definition else {
+        let standard = || is_joint_state(&kind).then(joint_state);
+        let Some(definition) = topic.definition.clone().or_else(standard) else {
             return Err(
                 "the bag does not contain the definition of this type, which has several versions; \
                  record it as MCAP or with a newer rosbag2, which store the definition"
                     .to_owned(),
             );
         };
-        let torques = LoggedTorques::External(Some(TorqueSign::Minus));
-        let nested = [
-            ("measured_joint_state.name", Slot::Names),
-            ("measured_joint_state.position", Slot::Positions),
-            ("tau_ext_hat_filtered.effort", Slot::Torques),
-        ];
-        let refused = match Layout::of(&kind, definition, &with_stamp(&nested)) {
-            Ok(layout) => return Ok(Self { layout, torques, named: true }),
-            Err(reason) => reason,
-        };
-        let plain = [("q", Slot::Positions), ("tau_ext_hat_filtered", Slot::Torques)];
-        match Layout::of(&kind, definition, &with_stamp(&plain)) {
-            Ok(layout) => Ok(Self { layout, torques, named: false }),
-            Err(_) => Err(refused),
+        let mut refused = None;
+        for fields in known(&kind) {
+            let (slots, torques) = fields.chosen(options.measured_torques);
+            match Layout::of(&kind, &definition, &slots) {
+                Ok(layout) => {
+                    let angle_unit = fields.angle_unit;
+                    let converted = angle_unit.filter(|_| options.angle_unit.is_none());
+                    let named = slots.iter().any(|(_, slot)| *slot == Slot::Names);
+                    return Ok(Self { layout, torques, angle_unit, converted, named });
+                }
+                Err(reason) => refused = refused.or(Some(reason)),
+            }
         }
+        Err(refused.unwrap_or_else(|| "messages of this type are not joint states".to_owned()))
     }
 
     /// The joints `wanted`, or else those of the message with the most joints among the `first`
@@ -178,7 +265,9 @@ impl MessageReader {
             };
             places.iter().map(value).collect()
         };
-        let (q, tau) = (finite("position", &taken.positions)?, finite("torque", &taken.torques)?);
+        let mut q = finite("position", &taken.positions)?;
+        self.converted.unwrap_or_default().into_rad(&mut q);
+        let tau = finite("torque", &taken.torques)?;
         Ok(Some(Sample::new(Some(time_s), q, tau)))
     }
 }
