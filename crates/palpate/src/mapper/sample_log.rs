@@ -39,14 +39,14 @@ pub const NO_STD: f64 = -1.0;
 
 impl LoggedTouch {
     /// Its samples, of `n_joints` joints. Their times are not the logged ones, but such that the same samples are
-    /// skipped.
+    /// skipped: 50 ms from one learnt sample to the next.
     pub fn samples(&self, n_joints: usize) -> impl Iterator<Item = Sample> {
         let stds =
             self.tau_std.chunks(n_joints).map(|std| (std[0] != NO_STD).then(|| std.to_vec()));
         let stds = stds.chain(std::iter::repeat(None));
         let skipped = self.skipped.iter().copied().chain(std::iter::repeat(false));
         let times = skipped.scan(0.0, |time_s, skipped| {
-            *time_s += if skipped { 0.0 } else { 1.0 };
+            *time_s += if skipped { 0.0 } else { 0.05 };
             Some(Some(*time_s))
         });
         let joints = self.q.chunks(n_joints).zip(self.tau.chunks(n_joints));
