@@ -41,6 +41,7 @@ pub mod folds;
 pub mod identify;
 pub mod method;
 pub mod next_touch;
+mod own_motion;
 pub mod regression;
 pub mod study;
 pub mod torque_errors;

@@ -165,7 +165,9 @@ impl Tuning<'_> {
         progress.note("comparing the candidates");
         let everything: Vec<usize> = (0..self.touches.len()).collect();
         let tuned = tuner.tune(&everything, &stop).map_err(fault)?;
-        if tuned.is_all_noise {
+        if let Some(text) = own_motion(&tuned, self.config) {
+            progress.warn(&text);
+        } else if tuned.is_all_noise {
             let remedy = if self.config.touch.identified {
                 "Perhaps nothing was touched"
             } else {
@@ -179,6 +181,25 @@ impl Tuning<'_> {
         }
         Ok((tracked, tuned))
     }
+}
+
+/// A warning, if the torques follow the arm's own motion.
+pub(crate) fn own_motion(tuned: &Tuned, config: &MapperConfig) -> Option<String> {
+    let percent = 100.0 * tuned.own_motion?;
+    let noise = if tuned.is_all_noise {
+        "all of the torque counts as noise, and the field hardly differs from its prior"
+    } else {
+        "it is learned as stiffness, since the estimator or its torque noise or stiffness scale is given"
+    };
+    let remedy = if config.touch.identified {
+        "`palpate identify` on new free motion finds the present friction"
+    } else {
+        "`palpate identify` finds friction and inertia from free motion, and --arm subtracts them"
+    };
+    Some(format!(
+        "the external torque follows the arm's own motion rather than contacts: while the arm moves, its friction and \
+         inertia explain {percent:.0} % of the torque (mean square). So {noise}. {remedy}"
+    ))
 }
 
 /// Chosen settings, and bands around predictions under them if there were enough touches.

@@ -18,7 +18,7 @@ use crate::elastic::simulate_bodies;
 use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::touches::RecordedTouch;
-use crate::tune::Tune;
+use crate::tune::{Tune, own_motion};
 
 mod plan;
 
@@ -162,7 +162,8 @@ impl EvaluationJob<'_> {
         let is_tuned = self.search(Method::Map).is_some() && everything.len() >= MIN_TUNING_TOUCHES;
         if is_tuned && tracked.convergence().is_none() {
             let (tuner, train) = (&mut evaluated.tuner, ("tuned-map-all", &everything[..]));
-            tuned = self.tuned(tuner, train, tracked, (Method::Map, &|| ()), (keep, progress))?;
+            tuned =
+                self.tuned(tuner, train, tracked, (Method::Map, &|| ()), (keep, progress))?.config;
             let given = std::mem::replace(&mut config, &tuned);
             if config.contact != given.contact {
                 other = tracked
@@ -208,7 +209,7 @@ impl EvaluationJob<'_> {
         tracked: &TrackedTouches,
         (keep, progress): (&dyn ResultStore, &dyn Progress),
     ) -> Result<(Vec<[MapperConfig; 2]>, Option<Tuner>), WorkError> {
-        let mut of_map = None;
+        let (mut of_map, mut warned) = (None, false);
         let mut in_folds = vec![self.estimators.clone(); self.folds.len()];
         for (index, method) in [Method::Map, Method::Ekf].into_iter().enumerate() {
             let Some(search) = self.search(method) else { continue };
@@ -227,7 +228,12 @@ impl EvaluationJob<'_> {
                 let tuned =
                     self.tuned(&mut tuner, train, tracked, (method, &step), (keep, progress))?;
                 bar.step();
-                in_folds[fold][index] = tuned;
+                if let Some(text) = own_motion(&tuned, &self.estimators[index]).filter(|_| !warned)
+                {
+                    progress.warn(&text);
+                    warned = true;
+                }
+                in_folds[fold][index] = tuned.config;
             }
             if method == Method::Map {
                 of_map = tuner;
@@ -255,9 +261,9 @@ impl EvaluationJob<'_> {
         tracked: &TrackedTouches,
         (method, done): (Method, &dyn Fn()),
         (keep, progress): (&dyn ResultStore, &dyn Progress),
-    ) -> Result<MapperConfig, WorkError> {
+    ) -> Result<Tuned, WorkError> {
         if let Some(tuned) = keep.tuned(name) {
-            return Ok(tuned.config);
+            return Ok(tuned);
         }
         let (stop, fault) = (|| progress.stopped(), |error| self.fault(error, keep));
         let tuner = match tuner {
@@ -271,7 +277,7 @@ impl EvaluationJob<'_> {
         };
         let tuned = tuner.tune(train, &stop).map_err(fault)?;
         keep.keep_tuned(name, &tuned);
-        Ok(tuned.config)
+        Ok(tuned)
     }
 
     /// Computes the remaining parts, one contact model after another.
