@@ -153,6 +153,18 @@ pub fn summary(tuned: &Tuned, (touches, found): (usize, usize)) -> String {
     )
 }
 
+/// Why the touches should not be learned under the chosen settings, if their torques are no contacts.
+pub fn doubt(tuned: &Tuned) -> Option<String> {
+    if let Some(share) = tuned.own_motion {
+        let percent = 100.0 * share;
+        return Some(format!(
+            "the torques follow the arm's own motion: friction and inertia explain {percent:.0} % of them while the arm \
+             moves; `palpate identify` finds these from free motion, and an identified arm subtracts them"
+        ));
+    }
+    tuned.is_all_noise.then(|| "these touches hardly predict each other's torques".to_owned())
+}
+
 /// Indices of touches, given the largest torque of each, N·m, in descending order: those above [`RELATIVE_FROM_N_M`],
 /// or above 0 if these are fewer than [`MIN_TUNING_TOUCHES`].
 fn strongest_first(torques: &[f64]) -> Vec<usize> {

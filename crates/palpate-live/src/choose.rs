@@ -13,7 +13,7 @@ use crossbeam_channel::{RecvTimeoutError, Sender, bounded};
 use palpate::unstable::TouchLog;
 use palpate::{Arm, Mapper, MapperConfig, MapperError, ReplayPolicy};
 use palpate_learn::LearnError;
-use palpate_learn::choose::{Chosen, MIN_TUNING_TOUCHES, choose_for_log};
+use palpate_learn::choose::{Chosen, MIN_TUNING_TOUCHES, choose_for_log, doubt};
 use palpate_learn::tune::FixedSettings;
 
 use crate::background::{Share, nice_pool, on};
@@ -101,9 +101,8 @@ impl<'a> Chooser<'a> {
             let why = format!("fewer than {MIN_TUNING_TOUCHES} touches meet something");
             return Err(Failure::Touches(why));
         };
-        if tuned.is_all_noise {
-            let why = "these touches hardly predict each other's torques";
-            return Err(Failure::Touches(format!("{why} ({summary})")));
+        if let Some(why) = doubt(&tuned) {
+            return Err(Failure::Touches(why));
         }
         let mapper =
             Mapper::new(Arc::clone(&self.arm), tuned.config)?.with_calibration(calibration);

@@ -11,7 +11,7 @@ use palpate::{
 };
 use palpate_io::field::{self, SavedField};
 use palpate_learn::LearnError;
-use palpate_learn::choose::{Chosen, MIN_TUNING_TOUCHES, choose_for_log};
+use palpate_learn::choose::{Chosen, MIN_TUNING_TOUCHES, choose_for_log, doubt};
 use palpate_work::Progress;
 use palpate_work::elastic::without_body;
 use palpate_work::error::WorkError;
@@ -126,9 +126,8 @@ impl Mapper {
                 "choosing settings needs {MIN_TUNING_TOUCHES} touches in which the arm touches something"
             )));
         };
-        if tuned.is_all_noise {
-            let why = "these touches hardly predict each other's torques";
-            return Err(WorkError::from(format!("{why} ({summary})")));
+        if let Some(why) = doubt(&tuned) {
+            return Err(WorkError::from(format!("the settings stay as they are: {why}")));
         }
         let learn = || {
             let mapper = palpate::Mapper::new(Arc::clone(arm), tuned.config)?;
@@ -330,7 +329,7 @@ impl Mapper {
     /// This takes about ten seconds for eleven touches. Meanwhile other threads can use the mapper; what they learn is
     /// kept. Returns what was chosen, in one line. `progress` is as in `map`. Raises PalpateError, and changes nothing, if
     /// the method is `ekf`, cells have their own prior means, fewer than three touches meet something, touches hardly
-    /// predict each other, or some are no longer in memory.
+    /// predict each other or follow the arm's own motion, or some are no longer in memory.
     #[pyo3(signature = (progress = None))]
     fn choose_settings(
         &self,
