@@ -15,22 +15,7 @@ use palpate_learn::method::{self, Method, TorquesByTouch};
 use palpate_learn::tracked::{TouchSamples, TrackedFrame, TrackedTouches};
 use palpate_learn::tune::{FixedSettings, Search, SearchBudget, Trial, Tuned, Tuner};
 
-/// Two links that swing about vertical axes, so that gravity does not reach the joints.
-const URDF: &str = r#"<robot name="tiny">
-  <link name="base"/>
-  <joint name="shoulder" type="continuous">
-    <parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
-  </joint>
-  <link name="upper">
-    <collision><origin xyz="0.2 0 0"/><geometry><box size="0.4 0.06 0.06"/></geometry></collision>
-  </link>
-  <joint name="elbow" type="continuous">
-    <origin xyz="0.4 0 0"/><parent link="upper"/><child link="fore"/><axis xyz="0 0 1"/>
-  </joint>
-  <link name="fore">
-    <collision><origin xyz="0.15 0 0"/><geometry><box size="0.3 0.05 0.05"/></geometry></collision>
-  </link>
-</robot>"#;
+const URDF: &str = include_str!("data/tiny.urdf");
 
 const STILL: usize = 8;
 const FRAMES: usize = 28;
