@@ -443,7 +443,8 @@ fn the_error_says_how_many_other_touches_would_be_lost() {
 
 #[test]
 fn a_mapper_that_catches_up_in_pieces_equals_the_one_that_goes_on_meanwhile() {
-    let (arm, touches) = (arm(), touches(3));
+    let (arm, mut touches) = (arm(), touches(3));
+    touches[2].truncate(28); // so that the first sample after it is too close
     for method in [EstimatorKind::Map, EstimatorKind::Ekf] {
         let mut config = config(method);
         config.estimator.memory.frames = 10_000;
@@ -454,7 +455,6 @@ fn a_mapper_that_catches_up_in_pieces_equals_the_one_that_goes_on_meanwhile() {
             Sample::new(Some(time_s), sample.q.clone(), sample.tau.clone())
         };
         let (mut first, mut second) = (new(), new());
-        assert_eq!(touches[2].len() % 2, 0, "so that the first sample after it is too close");
         for (number, samples) in touches.iter().enumerate() {
             first.begin_touch();
             first.name_touch(&format!("touch {number}"));
