@@ -421,7 +421,7 @@ impl Session {
     }
 
     /// Goes on with another mapper of the same arm, which has learnt the touches of the present one with other settings.
-    /// If it lacks more than [`MAX_LAG`] samples, it is returned with the touches that it must still learn.
+    /// If it lacks more than a few samples (`MAX_LAG`), it is returned with the touches that it must still learn.
     ///
     /// # Errors
     ///
