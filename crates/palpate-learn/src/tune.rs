@@ -286,12 +286,8 @@ impl Tuner {
         let scores =
             touches.iter().filter_map(|[predicted, measured]| score_of(predicted, measured));
         let scores: Vec<Score> = scores.collect();
-        let least = if mean_score(&scores.iter()) < score - OWN_MOTION_MARGIN {
-            MAYBE_OWN_MOTION
-        } else {
-            OWN_MOTION
-        };
-        (share.min(share_of_frames) >= least).then_some(share)
+        let is_own = is_own_motion(share.min(share_of_frames), mean_score(&scores.iter()), score);
+        is_own.then_some(share)
     }
 
     /// Torque noise if touches do not predict each other, n_joints, N·m, at least `least`: the root mean square of the
@@ -373,6 +369,11 @@ impl Tuner {
         // Of equal scores, the largest scale, which comes first.
         scored.min_by(|a, b| a.0.total_cmp(&b.0)).expect("there is a scale")
     }
+}
+
+/// Whether torques follow the arm's own motion, given the share that it explains, its score and that of the field.
+fn is_own_motion(share: f64, score: f64, of_field: f64) -> bool {
+    share >= OWN_MOTION || (share >= MAYBE_OWN_MOTION && score < of_field - OWN_MOTION_MARGIN)
 }
 
 /// Errors of a held-out touch.
@@ -459,6 +460,14 @@ fn set_contact(contact: &mut ContactConfig, model: [f64; 3], given: FixedSetting
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn friction_that_explains_half_of_the_torque_must_also_predict_better_than_the_field() {
+        assert!(is_own_motion(0.7, 0.3, 0.2), "a motion that is repeated");
+        assert!(is_own_motion(0.5, 0.7, 0.98), "an FR3 in free motion");
+        assert!(!is_own_motion(0.59, 0.71, 0.60), "dragging over a rough surface");
+        assert!(!is_own_motion(0.2, 0.5, 0.98), "touches that differ");
+    }
 
     #[test]
     fn the_score_rises_where_predicting_zero_would_be_better() {

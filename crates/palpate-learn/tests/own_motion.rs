@@ -23,7 +23,7 @@ struct Felt {
     friction: f64,
     /// Stiffness of a wall that the tip reaches halfway, N/m.
     stiffness: f64,
-    /// Whether the touches end before the arm retreats.
+    /// Whether the tip touches the wall from the start on, and the touches end before it retreats, at full speed.
     push_only: bool,
     /// Whether samples have no times.
     untimed: bool,
@@ -42,20 +42,24 @@ fn config() -> MapperConfig {
     config
 }
 
-/// A swing of the shoulder and back, nearly the same in each touch, with the elbow following.
+/// A swing of the shoulder and back, nearly the same in each touch; the elbow swings too, and later if nothing is touched.
 fn touch(number: usize, felt: Felt) -> TouchSamples {
+    let is_free = felt.stiffness == 0.0;
     let q = |frame: usize| {
         let part = frame.saturating_sub(STILL) as f64 / (FRAMES - STILL) as f64;
-        let swing = 0.5 * (1.0 - (std::f64::consts::TAU * part).cos());
-        [0.7 * swing, -0.02 * number as f64 + 0.3 * swing]
+        let turn = std::f64::consts::TAU * part;
+        let swing = if felt.push_only { part } else { 0.5 * (1.0 - turn.cos()) };
+        let bend = if is_free { 0.8 * turn.sin() } else { 0.3 * swing };
+        [0.7 * swing, bend - 0.02 * number as f64]
     };
+    let wall_m = if felt.push_only { 0.0 } else { 0.25 };
     let tip_m = |q: [f64; 2]| {
         let [upper, fore] = [q[0], q[0] + q[1]];
         [0.4 * upper.cos() + 0.3 * fore.cos(), 0.4 * upper.sin() + 0.3 * fore.sin()]
     };
     let sample = |frame: usize| {
         let (before, now, after) = (q(frame.max(1) - 1), q(frame), q(frame + 1));
-        let force = -felt.stiffness * (tip_m(now)[1] - 0.25).max(0.0);
+        let force = -felt.stiffness * (tip_m(now)[1] - wall_m).max(0.0);
         let levers = [tip_m(now)[0], tip_m(now)[0] - 0.4 * now[0].cos()];
         let tau = |j: usize| {
             let speed = (after[j] - before[j]) / (2.0 * PERIOD_S);
@@ -71,11 +75,14 @@ fn touch(number: usize, felt: Felt) -> TouchSamples {
     TouchSamples { name, samples, truth: None }
 }
 
+fn touches(felt: Felt) -> Vec<TouchSamples> {
+    (0..TOUCHES).map(|number| touch(number, felt)).collect()
+}
+
 /// The result of a quick search, and the numbers of stiff cells that are learned with the best candidate and with the
 /// chosen settings.
 fn tuned(felt: Felt) -> (Tuned, [usize; 2]) {
-    let (arm, config) = (arm(), config());
-    let touches: Vec<TouchSamples> = (0..TOUCHES).map(|number| touch(number, felt)).collect();
+    let (arm, config, touches) = (arm(), config(), touches(felt));
     let everything: Vec<usize> = (0..TOUCHES).collect();
     let base = TrackedTouches::new(&arm, &config, &touches, NEVER).unwrap();
     let search = Search::quick(&config, FixedSettings::default());
@@ -99,11 +106,18 @@ fn stiff(field: &Field) -> usize {
 #[test]
 fn friction_on_a_repeated_free_motion_counts_as_noise_though_touches_predict_each_other() {
     for untimed in [false, true] {
-        let (tuned, stiff) = tuned(Felt { friction: 8.0, untimed, ..Felt::default() });
+        let felt = Felt { friction: 8.0, untimed, ..Felt::default() };
+        let (tuned, stiff) = tuned(felt);
         let score = tuned.trials[0].scores.last().unwrap();
         assert!(*score < 0.95, "the touches predict each other: {score}");
         assert!(tuned.own_motion.is_some_and(|share| share > 0.9), "{:?}", tuned.own_motion);
         assert!(tuned.is_all_noise && stiff[0] > 0 && stiff[1] == 0, "{stiff:?}");
+        // All frames of all touches count as one measurement of the torque.
+        let felt = touches(felt);
+        let torque = felt.iter().flat_map(|touch| &touch.samples).map(|sample| sample.tau[0]);
+        let size = torque.map(|tau| tau * tau).sum::<f64>().sqrt();
+        let std = tuned.config.estimator.torque_std[0] / size;
+        assert!((0.8..1.2).contains(&std), "{std}");
     }
 }
 

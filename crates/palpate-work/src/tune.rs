@@ -322,3 +322,26 @@ pub fn tuned_settings(tuned: &Tuned, given: &Settings) -> Settings {
     estimator.stiffness_scale = Some(config.estimator.stiffness_scale);
     settings
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn friction_is_reported_with_its_share_what_becomes_of_it_and_a_remedy() {
+        let mut config = MapperConfig::of(EstimatorKind::Map);
+        let tuned = |is_all_noise, own_motion| {
+            let config = MapperConfig::of(EstimatorKind::Map);
+            Tuned { config, trials: Vec::new(), is_all_noise, own_motion }
+        };
+        assert_eq!(own_motion(&tuned(true, None), &config), None);
+        let text = own_motion(&tuned(true, Some(0.871)), &config).unwrap();
+        let parts =
+            ["explain 87 % of the torque", "counts as noise", "identify", "--arm subtracts"];
+        assert!(parts.iter().all(|part| text.contains(part)), "{text}");
+        config.touch.identified = true;
+        let text = own_motion(&tuned(false, Some(0.871)), &config).unwrap();
+        let parts = ["learned as stiffness", "new free motion"];
+        assert!(parts.iter().all(|part| text.contains(part)), "{text}");
+    }
+}
