@@ -1,13 +1,12 @@
 //! `palpate excite`: a motion for `palpate identify`.
 
-use std::fmt::{Display, Write};
+use std::fmt::Display;
 use std::path::PathBuf;
 
-use palpate::Robot;
-use palpate_learn::excite::{Excitation, ExciteConfig, excite};
-use palpate_work::quantile::extremes;
+use palpate_learn::excite::{Excitation, ExciteConfig};
+use palpate_work::excite::{self, DURATION_S, RATE_HZ, REACH, SHARE, SLOW_DOWN};
+use palpate_work::robot;
 use palpate_work::settings::sections::RobotSettings;
-use palpate_work::{Progress, held_joints, robot};
 use serde_json::json;
 
 use crate::args::number_in;
@@ -15,7 +14,7 @@ use crate::error::CliError;
 use crate::file_paths::{self, FilePaths};
 use crate::output::Output;
 use crate::settings::{RobotOnlySettings, Settings};
-use crate::{csv, interrupt, logs};
+use crate::{interrupt, logs};
 
 const NOTES: &str = "Examples:
   palpate excite --robot fr3.urdf --start 0,-0.785,0,-2.356,0,1.571,0.785 -o motion.csv
@@ -43,25 +42,25 @@ pub(crate) struct Args {
     #[arg(long, value_name = "Q1,Q2,…", value_delimiter = ',', allow_hyphen_values = true)]
     start: Option<Vec<f64>>,
     /// Duration of the motion, s [default: 20]
-    #[arg(long, value_name = "S", value_parser = number_in(5.0..=600.0, "a number of seconds from 5 to 600"))]
+    #[arg(long, value_name = "S", value_parser = number_in(DURATION_S, "a number of seconds from 5 to 600"))]
     duration: Option<f64>,
     /// Points per second [default: 100]
-    #[arg(long, value_name = "HZ", value_parser = number_in(5.0..=2000.0, "a rate from 5 to 2000 Hz"))]
+    #[arg(long, value_name = "HZ", value_parser = number_in(RATE_HZ, "a rate from 5 to 2000 Hz"))]
     rate_hz: Option<f64>,
     /// Largest speed of a joint, as a share of its limit [default: 0.5]
-    #[arg(long, value_name = "PART", value_parser = number_in(0.01..=1.0, "a share from 0.01 to 1"))]
+    #[arg(long, value_name = "PART", value_parser = number_in(SHARE, "a share from 0.01 to 1"))]
     speed: Option<f64>,
     /// Largest torque of a joint, as a share of its limit [default: 0.8]
-    #[arg(long, value_name = "PART", value_parser = number_in(0.01..=1.0, "a share from 0.01 to 1"))]
+    #[arg(long, value_name = "PART", value_parser = number_in(SHARE, "a share from 0.01 to 1"))]
     torque: Option<f64>,
     /// Height above which the arm stays, m in the base frame, or `none` [default: 0.05]
     #[arg(long, value_name = "M|none", allow_hyphen_values = true)]
     ground_m: Option<String>,
     /// Largest travel of a joint from its start position, rad or m [default: 1.2]
-    #[arg(long, value_name = "RAD", value_parser = number_in(0.01..=6.3, "a travel from 0.01 to 6.3 rad"))]
+    #[arg(long, value_name = "RAD", value_parser = number_in(REACH, "a travel from 0.01 to 6.3 rad"))]
     reach: Option<f64>,
     /// Slow the motion down by this factor, for a first try
-    #[arg(long, value_name = "TIMES", default_value_t = 1.0, value_parser = number_in(1.0..=100.0, "a number from 1 to 100"))]
+    #[arg(long, value_name = "TIMES", default_value_t = 1.0, value_parser = number_in(SLOW_DOWN, "a number from 1 to 100"))]
     slow_down: f64,
     /// Seed of the random search [default: 0]
     #[arg(long, value_name = "N")]
@@ -80,29 +79,6 @@ enum Format {
     Yaml,
 }
 
-/// If a joint moves less, rad or m, its load and its friction are hardly determined.
-const MIN_TRAVEL: f64 = 0.1;
-
-/// Largest number of points of a file.
-const MAX_POINTS: f64 = 1e6;
-
-/// Names joints that hardly move.
-fn note_nearly_still(robot: &Robot, found: &Excitation, output: &Output) {
-    let way = |j: usize| {
-        let at = found.points.iter().map(|point| point[0][j]);
-        extremes(at).map_or(0.0, |[low, high]| high - low)
-    };
-    let names = robot.joint_names().enumerate().filter(|(j, _)| way(*j) < MIN_TRAVEL);
-    let names: Vec<&str> = names.map(|(_, name)| name).collect();
-    if !names.is_empty() {
-        output.note(&format!(
-            "joints that hardly move, since their limits, --reach, the ground or links close to each other leave no \
-             room around this start: {}; choose another start (--start) to move them",
-            names.join(", ")
-        ));
-    }
-}
-
 /// Finds the motion and writes it.
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let settings: Settings = args.settings.load()?;
@@ -111,7 +87,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let mut places = FilePaths::read(&args.settings, &settings, &[]);
     places.output("the motion (--output)", Some(&args.output))?;
     interrupt::listen();
-    let arm = held_joints::without_fingers(robot::load(&settings.robot, output)?, output)?;
+    let arm = robot::load(&settings.robot, output)?;
     // `identify` takes no --arm.
     let robot = logs::robot_flags(&RobotSettings { arm: None, ..settings.robot.clone() });
     let mut config = ExciteConfig { around: args.start.clone(), ..ExciteConfig::default() };
@@ -130,34 +106,16 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             })?,
         ),
     };
-    // A slowed motion keeps its points per second, so it is computed with more of them.
-    config.rate_hz *= args.slow_down;
-    if config.rate_hz * config.duration_s > MAX_POINTS {
-        return Err(CliError::Usage(format!(
-            "--slow-down, --duration and --rate-hz together need more than {MAX_POINTS} points; make one of them \
-             smaller"
-        )));
-    }
-    let bar = output.begin(Some(config.tries as u64), "motions", "trying");
-    let stop = || interrupt::pressed();
-    let mut found = excite(&arm, &config, &stop, &|| bar.step()).map_err(|error| match stop() {
-        true => CliError::Interrupted { kept: "; nothing was written".to_owned() },
-        false => CliError::from(error.to_string()),
-    })?;
-    drop(bar);
-    slow_down(&mut found, args.slow_down);
+    let (arm, found) = excite::run(arm, config, args.slow_down, output)?;
     let text = match format {
-        Format::Csv => table(&arm.robot, &found),
-        Format::Yaml => trajectory(&arm.robot, &found),
+        Format::Csv => excite::table(&arm.robot, &found),
+        Format::Yaml => excite::trajectory(&arm.robot, &found),
     };
     file_paths::write(&args.output, &text)?;
-    note_nearly_still(&arm.robot, &found, output);
     if args.json {
-        return output.json(&json!({
-            "output": args.output, "condition": found.condition, "condition_of_first": found.first_condition,
-            "speed_share": found.speed_share, "torque_share": found.torque_share, "lowest_m": found.lowest_m,
-            "nearest_m": found.nearest_m, "points": found.points.len(),
-        }));
+        let mut json = excite::json(&found);
+        json["output"] = json!(args.output);
+        return output.json(&json);
     }
     let file = args.output.display();
     let next = match args.slow_down > 1.0 {
@@ -167,16 +125,6 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
         false => format!("play it, log it, and palpate identify LOG{robot}"),
     };
     output.result(&format!("{}\nNext: {next}\n", summary(&found, &file)))
-}
-
-/// Slows the motion down by the factor `times`, on the same path.
-fn slow_down(found: &mut Excitation, times: f64) {
-    found.times_s.iter_mut().for_each(|time_s| *time_s *= times);
-    for [_, speeds, accelerations] in &mut found.points {
-        speeds.iter_mut().for_each(|speed| *speed /= times);
-        accelerations.iter_mut().for_each(|acceleration| *acceleration /= times * times);
-    }
-    found.speed_share /= times;
 }
 
 /// Describes the motion, as text.
@@ -200,39 +148,4 @@ fn summary(found: &Excitation, file: &dyn Display) -> String {
         100.0 * found.speed_share,
         100.0 * found.torque_share,
     )
-}
-
-/// A table with a row for each point: time, positions, speeds, accelerations.
-fn table(robot: &Robot, found: &Excitation) -> String {
-    let column =
-        |what: &'static str| robot.joint_names().map(move |joint| format!("{joint}_{what}"));
-    let head = ["time".to_owned()].into_iter();
-    let head =
-        head.chain(column("position")).chain(column("velocity")).chain(column("acceleration"));
-    let rows = found.times_s.iter().zip(&found.points).map(|(time, point)| {
-        let numbers = point.iter().flatten().map(|number| format!("{number:.9}"));
-        [format!("{time:.6}")].into_iter().chain(numbers).collect()
-    });
-    csv::text(std::iter::once(head.collect()).chain(rows))
-}
-
-/// A `trajectory_msgs/JointTrajectory` as YAML.
-fn trajectory(robot: &Robot, found: &Excitation) -> String {
-    let list = |numbers: &[f64]| {
-        let each: Vec<String> = numbers.iter().map(|number| format!("{number:.9}")).collect();
-        format!("[{}]", each.join(", "))
-    };
-    let names: Vec<String> = robot.joint_names().map(|name| json!(name).to_string()).collect();
-    let mut text = format!("joint_names: [{}]\npoints:\n", names.join(", "));
-    for (time_s, [q, speed, acceleration]) in found.times_s.iter().zip(&found.points) {
-        let (sec, nanosec) = (time_s.floor(), (time_s.fract() * 1e9).round().min(999_999_999.0));
-        let _ = writeln!(
-            text,
-            "- positions: {}\n  velocities: {}\n  accelerations: {}\n  time_from_start: {{sec: {sec}, nanosec: {nanosec}}}",
-            list(q),
-            list(speed),
-            list(acceleration)
-        );
-    }
-    text
 }

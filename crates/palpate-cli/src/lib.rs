@@ -9,7 +9,6 @@ mod bundled;
 mod cloud_args;
 mod compare;
 mod convert;
-mod csv;
 mod demo;
 mod error;
 mod evaluate;

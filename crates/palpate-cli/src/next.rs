@@ -7,6 +7,7 @@ use clap::ValueEnum;
 use palpate::Arm;
 use palpate_io::field;
 use palpate_learn::next_touch::{Criterion, Proposal};
+use palpate_work::csv;
 use palpate_work::held_joints::of_field;
 use palpate_work::next::{Proposals, RankingRequest, next};
 use palpate_work::robot;
@@ -15,9 +16,9 @@ use palpate_work::touches::{RecordedTouch, Touches};
 use crate::args::{corners, number_in};
 use crate::error::CliError;
 use crate::file_paths::{self, FilePaths};
+use crate::interrupt;
 use crate::output::{Output, table};
 use crate::settings::RobotAndLogSettings;
-use crate::{csv, interrupt};
 
 const NOTES: &str = "Examples:
   palpate next field.npz --candidates planned/ --task reach.csv -o best.csv

@@ -3,12 +3,12 @@
 //! Nothing here panics when a pipe is closed: a failed write to stdout is an error of the command, a
 //! failed write to stderr is ignored.
 
-use std::borrow::Cow;
 use std::io::{self, Write};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use palpate_work::csv::visible;
 use palpate_work::{Bar, Progress};
 use serde::Serialize;
 
@@ -130,23 +130,6 @@ pub(crate) fn complain(line: &str) {
     }
 }
 
-/// A text with its control characters escaped: names in files must not control the terminal.
-/// They are escaped as in JSON strings, so that JSON keeps its meaning.
-pub(crate) fn visible(text: &str) -> Cow<'_, str> {
-    // Control characters, and those that change the direction of writing.
-    let obeyed = |c: char| {
-        c.is_control() && c != '\n' && c != '\t'
-            || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
-    };
-    if !text.contains(obeyed) {
-        return Cow::Borrowed(text);
-    }
-    let shown = |c: char| {
-        if obeyed(c) { format!("\\u{:04x}", u32::from(c)) } else { c.to_string() }
-    };
-    Cow::Owned(text.chars().map(shown).collect())
-}
-
 /// A table with aligned columns: the first one to the left, the others to the right.
 pub(crate) fn table(head: &[&str], body: impl IntoIterator<Item = Vec<String>>) -> String {
     let mut rows = vec![head.iter().map(ToString::to_string).collect()];
@@ -188,18 +171,4 @@ pub(crate) fn mib(bytes: usize) -> String {
 /// A duration as text, in seconds.
 pub(crate) fn seconds(time: Duration) -> String {
     format!("{:.1} s", time.as_secs_f64())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn control_characters_are_escaped_and_json_keeps_its_meaning() {
-        let name = "a\u{1b}[31m\u{9b}2J\r\u{202e}gnp.exe";
-        assert_eq!(visible(name), "a\\u001b[31m\\u009b2J\\u000d\\u202egnp.exe");
-        let json = serde_json::to_string(name).unwrap();
-        assert_eq!(serde_json::from_str::<String>(&visible(&json)).unwrap(), name);
-        assert!(matches!(visible("µ, λ\tand\n"), Cow::Borrowed(_)));
-    }
 }

@@ -671,6 +671,6 @@ fn a_motion_is_written_for_a_controller() {
         }
     }
     let low = ["excite", "--ground-m", "3", "-o"];
-    refuse(palpate().args(low).arg(&path), 1, &["reaches down to"]);
+    refuse(palpate().args(low).arg(&path), 2, &["reaches down to"]);
     refuse(palpate().args(["excite", "-o", "motion.txt"]), 2, &["motion.txt"]);
 }

@@ -25,6 +25,8 @@
 //! | [`mod@arm_file`]       | the file of an identified arm                                      |
 //! | [`mod@inspect`]        | content of a log, a robot or a field, and what looks wrong with it |
 //! | [`mod@torque`]         | external torques with standard deviations, and contact intervals   |
+//! | [`mod@excite`]         | a motion for identification, and its files                         |
+//! | [`mod@csv`]            | tables as CSV                                                      |
 //! | [`mod@contact_counts`] | counts of displaced points and cells                               |
 //! | [`mod@quantile`]       | quantiles, extremes and bounding boxes                             |
 //!
@@ -36,9 +38,11 @@ pub mod arm_file;
 pub mod change;
 pub mod contact_counts;
 mod conventions;
+pub mod csv;
 pub mod elastic;
 pub mod error;
 pub mod evaluate;
+pub mod excite;
 pub mod extrapolate;
 pub mod field_arrays;
 pub mod forget;

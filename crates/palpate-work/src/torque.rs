@@ -110,7 +110,7 @@ pub fn torques(
     progress: &dyn Progress,
 ) -> Result<Vec<TouchTorques>, WorkError> {
     if let Some(bandwidth_hz) = settings.bandwidth_hz {
-        check("bandwidth_hz", bandwidth_hz, &BANDWIDTH_HZ)?;
+        check_range("bandwidth_hz", bandwidth_hz, &BANDWIDTH_HZ)?;
     }
     let of_touch = |touch: &RecordedTouch| {
         let n = arm.robot.n_joints();
@@ -255,7 +255,12 @@ fn rename_alike(touches: &mut [TouchTorques]) {
     }
 }
 
-fn check(key: &str, value: f64, range: &RangeInclusive<f64>) -> Result<(), WorkError> {
+/// Refuses a number out of its range, with the name of its key.
+pub(crate) fn check_range(
+    key: &str,
+    value: f64,
+    range: &RangeInclusive<f64>,
+) -> Result<(), WorkError> {
     if range.contains(&value) {
         return Ok(());
     }
@@ -295,7 +300,7 @@ pub fn threshold(
     free: Option<&[TouchTorques]>,
     false_alarms_per_hour: f64,
 ) -> Result<(f64, ThresholdSource), WorkError> {
-    check("false_alarms_per_hour", false_alarms_per_hour, &FALSE_ALARMS_PER_HOUR)?;
+    check_range("false_alarms_per_hour", false_alarms_per_hour, &FALSE_ALARMS_PER_HOUR)?;
     let Some(free) = free else {
         return Ok(match &model.alarm {
             Some(alarm) => {

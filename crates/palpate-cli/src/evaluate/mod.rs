@@ -14,6 +14,7 @@ use palpate::{Arm, Field, MapperConfig};
 use palpate_io::cloud::Cloud;
 use palpate_io::log::is_simulated;
 use palpate_learn::method::Method;
+use palpate_work::csv;
 use palpate_work::elastic::replace_elastic_by_map;
 use palpate_work::evaluate::{
     Evaluated, EvaluationJob, configs, folds, make_unique, method_of, methods_to_compare,
@@ -27,7 +28,7 @@ use crate::object_args::ObjectArgs;
 use crate::output::Output;
 use crate::report::{Page, Report, Scene, errors_csv};
 use crate::settings::{AllSettings, Settings};
-use crate::{csv, file_paths, interrupt, logs, picture};
+use crate::{file_paths, interrupt, logs, picture};
 
 use kept::Kept;
 pub(crate) use summary::EvaluationSummary;

@@ -9,10 +9,11 @@ use palpate_live::SessionEvent;
 use palpate_live::figures::SessionFigures;
 use palpate_live::session::{Session, SessionState};
 use palpate_work::Progress;
+use palpate_work::csv::visible;
 use serde_json::json;
 
 use crate::error::CliError;
-use crate::output::{Output, visible};
+use crate::output::Output;
 
 /// Time between two lines of text, if there is no terminal for a view.
 const LINE: Duration = Duration::from_secs(10);

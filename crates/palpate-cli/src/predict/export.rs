@@ -6,11 +6,12 @@ use nalgebra::DVector;
 use palpate::Field;
 use palpate_io::field::npz::{Array, Arrays, Data, write_npz};
 use palpate_learn::bands::Band;
+use palpate_work::csv;
 use palpate_work::evaluate::make_unique;
 use palpate_work::predict::{FrameResult, TouchResult};
 
 use crate::error::CliError;
-use crate::{csv, file_paths};
+use crate::file_paths;
 
 /// Format of a file of torques.
 #[derive(Debug, Clone, Copy)]

@@ -1,9 +1,8 @@
 //! Table I for each touch, as CSV.
 
 use palpate_learn::evaluation::Evaluation;
+use palpate_work::csv;
 use palpate_work::prediction_report::ErrorFigures;
-
-use crate::csv;
 
 /// One row for each method and touch: the four errors, empty if a touch has none.
 pub(crate) fn errors_csv(evaluation: &Evaluation) -> String {

@@ -1,11 +1,11 @@
-//! Tables as CSV.
+//! Tables as CSV, whose names cannot do harm.
 
-use crate::output::visible;
+use std::borrow::Cow;
 
 /// Rows as CSV, the head first; names may contain commas, quotes and line breaks. A name that a
 /// spreadsheet would read as a formula gets an apostrophe, which makes it a text there; control
 /// characters are escaped as in JSON.
-pub(crate) fn text(rows: impl IntoIterator<Item = Vec<String>>) -> String {
+pub fn text(rows: impl IntoIterator<Item = Vec<String>>) -> String {
     let quoted = |cell: &String| {
         let is_formula = cell.starts_with(['=', '+', '-', '@', '\t', '\r']);
         let is_number = cell.parse::<f64>().is_ok();
@@ -18,6 +18,23 @@ pub(crate) fn text(rows: impl IntoIterator<Item = Vec<String>>) -> String {
     };
     let line = |row: Vec<String>| row.iter().map(quoted).collect::<Vec<_>>().join(",") + "\n";
     rows.into_iter().map(line).collect()
+}
+
+/// A text with its control characters escaped: names in files must not control the terminal.
+/// They are escaped as in JSON strings, so that JSON keeps its meaning.
+pub fn visible(text: &str) -> Cow<'_, str> {
+    // Control characters, and those that change the direction of writing.
+    let obeyed = |c: char| {
+        c.is_control() && c != '\n' && c != '\t'
+            || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+    };
+    if !text.contains(obeyed) {
+        return Cow::Borrowed(text);
+    }
+    let shown = |c: char| {
+        if obeyed(c) { format!("\\u{:04x}", u32::from(c)) } else { c.to_string() }
+    };
+    Cow::Owned(text.chars().map(shown).collect())
 }
 
 #[cfg(test)]
@@ -56,5 +73,14 @@ mod tests {
         let names = ["a,b", "say \"x\"", "one\ntwo", "one\r\u{1b}two"].map(str::to_owned);
         let wanted = "\"a,b\",\"say \"\"x\"\"\",\"one\ntwo\",one\\u000d\\u001btwo\n";
         assert_eq!(text([names.to_vec()]), wanted);
+    }
+
+    #[test]
+    fn control_characters_are_escaped_and_json_keeps_its_meaning() {
+        let name = "a\u{1b}[31m\u{9b}2J\r\u{202e}gnp.exe";
+        assert_eq!(visible(name), "a\\u001b[31m\\u009b2J\\u000d\\u202egnp.exe");
+        let json = serde_json::to_string(name).unwrap();
+        assert_eq!(serde_json::from_str::<String>(&visible(&json)).unwrap(), name);
+        assert!(matches!(visible("µ, λ\tand\n"), Cow::Borrowed(_)));
     }
 }
