@@ -5,13 +5,11 @@ use std::sync::Arc;
 
 use palpate::{Arm, Differentiation, TorqueModel};
 use palpate_io::torques::{TorqueFormat, TorqueRow, write};
-use palpate_work::Progress;
 use palpate_work::arm_file;
 use palpate_work::quantile::median;
 use palpate_work::torque::{
     BANDWIDTH_HZ, ContactInterval, FALSE_ALARMS_PER_HOUR, ThresholdSource, TorqueFrame,
-    TorqueSettings, TouchTorques, contacts, high_threshold, threshold, torques,
-    warn_if_always_touched,
+    TorqueSettings, TouchTorques, contacts, judge_threshold, threshold, torques, wrench_link,
 };
 use palpate_work::touches::Touches;
 use serde_json::json;
@@ -91,12 +89,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let differentiation =
         if args.causal { Differentiation::Causal } else { Differentiation::Centred };
     let (touches, arm, model) = open(&args.logs, &mut settings, differentiation, output)?;
-    let wrench_link = match &args.wrench_link {
-        Some(name) => Some(arm.robot.link_id(name).ok_or_else(|| {
-            CliError::Usage(format!("the robot has no link `{name}` (--wrench-link)"))
-        })?),
-        None => None,
-    };
+    let wrench_link =
+        args.wrench_link.as_ref().map(|name| wrench_link(&arm.robot, name)).transpose()?;
     let tare_frames = settings.touch.first_frames();
     let how = TorqueSettings { bandwidth_hz: args.bandwidth_hz, tare_frames, wrench_link };
     let found = torques(&arm, &touches.read_for(&arm, &settings, output)?, &how, output)?;
@@ -109,17 +103,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     };
     let per_hour = args.false_alarms.unwrap_or(USUAL_FALSE_ALARMS);
     let (threshold, from) = threshold(&model, free.as_deref(), per_hour)?;
-    if args.bandwidth_hz.is_some() && from == ThresholdSource::Identification {
-        output.warn(
-            "the contact threshold was determined on unfiltered torques, so filtered torques cause fewer false alarms \
-             than --false-alarms; give --free to determine it on filtered torques",
-        );
-    }
-    warn_if_always_touched(&found, (threshold, from), output);
     let joints: Vec<String> = arm.robot.joint_names().map(str::to_owned).collect();
-    if let Some(note) = high_threshold(&found, &joints, (threshold, from)) {
-        output.note(&note);
-    }
+    judge_threshold(&found, &joints, (threshold, from), &how, output);
     let contacts = contacts(&found, threshold);
 
     if let (Some(path), Some(format)) = (&args.output, format) {

@@ -1,22 +1,84 @@
-//! Identification of an arm from free motion, and external torques of logs.
+//! A motion for identification, identification of an arm from free motion, and external torques of logs.
 
 use palpate::{Differentiation, TorqueModel};
+use palpate_learn::excite::ExciteConfig;
 use palpate_work::identify::{self as identification, IdentifySettings};
 use palpate_work::settings::Settings;
+use palpate_work::settings::sections::RobotSettings;
 use palpate_work::torque::{self, TorqueSettings};
 use palpate_work::touches::{RecordedTouch, Touches};
-use palpate_work::{Progress, WorkError, arm_file};
+use palpate_work::{Progress, WorkError, arm_file, excite as excitation};
 use pyo3::prelude::*;
 use pyo3::types::{PyAny, PyDict, PyList};
 use serde_json::json;
 
-use crate::array::{flat, table_of};
+use crate::array::{flat, row, table, table_of};
 use crate::data::python;
 use crate::error::Result;
 use crate::log::{opened, sources};
 use crate::robot::{self, Robot};
 use crate::settings;
 use crate::watch::long;
+
+/// Finds a motion that determines masses and friction of an arm for `identify`, as `palpate excite` does.
+///
+/// `start` are the joint positions at which the motion begins and ends, rad or m, without those of a gripper;
+/// the middle of each range if left out. `duration` is in s, `speed` and `torque` are the largest shares of the
+/// joints' limits, `ground_m` is the height above which the arm stays, m in the base frame, or None, `reach` is
+/// the largest travel of a joint from its start, rad or m. `slow_down` slows the motion down by this factor.
+/// Returns a dict: `joint_names`, `time` (T,) s, `q`, `velocity` and `acceleration` (T, n_joints) in rad or m, and s,
+/// the keys of the command's JSON, such as `condition`, and `csv` and `yaml`, the contents of the files that the
+/// command writes: a table, and a trajectory_msgs/JointTrajectory. Only the ground and the arm itself are known
+/// as obstacles: play the motion slowly first.
+///
+/// Raises FileError if there is no such robot, or SettingsError if an argument is out of its range or no motion
+/// keeps to the limits.
+#[pyfunction]
+#[pyo3(signature = (
+    robot = None, *, start = None, duration = 20.0, rate_hz = 100.0, speed = 0.5, torque = 0.8, ground_m = 0.05,
+    reach = 1.2, slow_down = 1.0, seed = 0, progress = None
+))]
+#[allow(clippy::too_many_arguments)] // they are keywords
+pub(crate) fn excite<'py>(
+    py: Python<'py>,
+    robot: Option<&Bound<'py, PyAny>>,
+    start: Option<&Bound<'py, PyAny>>,
+    duration: f64,
+    rate_hz: f64,
+    speed: f64,
+    torque: f64,
+    ground_m: Option<f64>,
+    reach: f64,
+    slow_down: f64,
+    seed: u64,
+    progress: Option<&Bound<'py, PyAny>>,
+) -> Result<Bound<'py, PyDict>> {
+    let robot = robot::given(py, robot, &RobotSettings::default())?;
+    let config = ExciteConfig {
+        around: start.map(|start| row(start, "start", None)).transpose()?,
+        duration_s: duration,
+        rate_hz,
+        speed_share: speed,
+        torque_share: torque,
+        ground_m,
+        reach,
+        seed,
+        ..ExciteConfig::default()
+    };
+    let (arm, found) =
+        long(py, progress, |progress| excitation::run(robot.arm, config, slow_down, progress))?;
+    let robot = &arm.robot;
+    let dict = python(py, &excitation::json(&found))?.cast_into::<PyDict>().map_err(PyErr::from)?;
+    dict.set_item("joint_names", robot.joint_names().collect::<Vec<_>>())?;
+    dict.set_item("csv", excitation::table(robot, &found))?;
+    dict.set_item("yaml", excitation::trajectory(robot, &found))?;
+    for (column, key) in ["q", "velocity", "acceleration"].into_iter().enumerate() {
+        let rows = found.points.iter().map(|point| &point[column][..]);
+        dict.set_item(key, table_of(py, rows, robot.n_joints()))?;
+    }
+    dict.set_item("time", flat(py, found.times_s))?;
+    Ok(dict)
+}
 
 /// Finds payload, friction, bias and delay of an arm from logs of free motion, as `palpate identify` does.
 ///
@@ -68,12 +130,18 @@ pub(crate) fn identify<'py>(
 /// `log` is a path, a `Log`, a `Touch`, or several. `robot` is an identified arm, `Robot(..., arm="arm.toml")`,
 /// or any other arm, whose standard deviations are then a guess. Returns a dict for each touch: `name`,
 /// `time` (T,) s or None, `q` (T, n_joints) rad in the robot's order, `torque` and `std` (T, n_joints) N·m,
-/// `statistic` (T,): the largest |torque| / std over the joints, and `threshold`, which the statistic of
-/// contact-free motion exceeds `false_alarms_per_hour` times an hour; None if it is not known.
+/// `statistic` (T,): the largest |torque| / std over the joints; `threshold`, which the statistic of
+/// contact-free motion exceeds `false_alarms_per_hour` times an hour, None if it is not known; and `wrench`
+/// (T, 6), with `wrench_link`: the force, N, and the moment, N·m, at the origin of this link that explain the
+/// torques best, along the axes of the base; else None. The threshold is determined from `free`, logs of
+/// contact-free motion, or from the motion that was held out in identification.
 ///
 /// Raises SettingsError, FileError or TouchError.
 #[pyfunction]
-#[pyo3(signature = (log, robot = None, *, causal = false, bandwidth_hz = None, false_alarms_per_hour = 1.0, settings = None, progress = None, **sections))]
+#[pyo3(signature = (
+    log, robot = None, *, causal = false, bandwidth_hz = None, free = None, false_alarms_per_hour = 1.0,
+    wrench_link = None, settings = None, progress = None, **sections
+))]
 #[allow(clippy::too_many_arguments)] // they are keywords
 pub(crate) fn external_torques<'py>(
     py: Python<'py>,
@@ -81,7 +149,9 @@ pub(crate) fn external_torques<'py>(
     robot: Option<&Bound<'py, PyAny>>,
     causal: bool,
     bandwidth_hz: Option<f64>,
+    free: Option<&Bound<'py, PyAny>>,
     false_alarms_per_hour: f64,
+    wrench_link: Option<&str>,
     settings: Option<&Bound<'py, PyAny>>,
     progress: Option<&Bound<'py, PyAny>>,
     sections: Option<&Bound<'py, PyDict>>,
@@ -89,22 +159,30 @@ pub(crate) fn external_torques<'py>(
     let mut settings = settings::read(settings, sections)?;
     let robot = robot::given(py, robot, &settings.robot)?;
     settings.robot.arm.clone_from(&robot.settings.arm);
-    let sources = sources(log)?;
+    let (log, free) = (sources(log)?, free.map(sources).transpose()?);
     let differentiation = if causal { Differentiation::Causal } else { Differentiation::Centred };
     let (found, threshold) = long(py, progress, |progress| -> Result<_, WorkError> {
         let model = arm_file::or_urdf(&robot.settings, &robot.arm.robot, progress)?;
         let of_model = model.clone().for_differentiation(differentiation);
-        let (threshold, from) = torque::threshold(&of_model, None, false_alarms_per_hour)?;
-        let model = Some((model, differentiation));
-        let touches = opened(sources, &settings.log)?;
-        let (recorded, _) = read(touches, (&robot, &mut settings), model, progress)?;
+        let link = |name| torque::wrench_link(&robot.arm.robot, name);
         let how = TorqueSettings {
             bandwidth_hz,
             tare_frames: settings.touch.first_frames(),
-            wrench_link: None,
+            wrench_link: wrench_link.map(link).transpose()?,
         };
-        let found = torque::torques(&robot.arm, &recorded, &how, progress)?;
-        torque::warn_if_always_touched(&found, (threshold, from), progress);
+        // Sign and gravity are found for each of the two separately, as by the command.
+        let torques = |sources, mut settings: Settings| {
+            let touches = opened(sources, &settings.log)?;
+            let model = Some((model.clone(), differentiation));
+            let (recorded, _) = read(touches, (&robot, &mut settings), model, progress)?;
+            torque::torques(&robot.arm, &recorded, &how, progress)
+        };
+        let free = free.map(|free| torques(free, settings.clone())).transpose()?;
+        let (threshold, from) =
+            torque::threshold(&of_model, free.as_deref(), false_alarms_per_hour)?;
+        let found = torques(log, settings)?;
+        let joints: Vec<String> = robot.arm.robot.joint_names().map(str::to_owned).collect();
+        torque::judge_threshold(&found, &joints, (threshold, from), &how, progress);
         Ok((found, (from != torque::ThresholdSource::Guess).then_some(threshold)))
     })?;
     let list = PyList::empty(py);
@@ -123,6 +201,10 @@ pub(crate) fn external_torques<'py>(
         let statistics: Vec<f64> = frames.iter().map(|frame| frame.statistic).collect();
         dict.set_item("statistic", flat(py, statistics))?;
         dict.set_item("threshold", threshold)?;
+        let wrenches = frames.iter().filter_map(|frame| frame.wrench);
+        let wrenches =
+            wrench_link.map(|_| table(py, wrenches.flat_map(<[f64; 6]>::from).collect(), 6));
+        dict.set_item("wrench", wrenches)?;
         list.append(dict)?;
     }
     Ok(list)

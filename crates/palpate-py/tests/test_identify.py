@@ -1,4 +1,4 @@
-"""Identification of an arm from free motion, and its external torques."""
+"""A motion for identification, identification of an arm from free motion, and its external torques."""
 
 import json
 import subprocess
@@ -87,21 +87,100 @@ def test_an_identified_arm_gives_the_sign_of_torques_without_gravity(
     assert mapped["before_learning"]["zero"]["max_error"] < 2 * np.abs(push).max() * np.sqrt(7)
 
 
+def run(command: Path, *args: object) -> Any:
+    done = subprocess.run([command, "--quiet", *map(str, args), "--json"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
 def test_needs_command_torques_are_the_commands(
     command: Path, touches: list[palpate.Touch], tmp_path: Path
 ) -> None:
+    log, arm, table = tmp_path / "log", tmp_path / "arm.toml", tmp_path / "torques.csv"
     for number, touch in enumerate(touches):
-        folder = tmp_path / "log" / f"seq_{number:03}"
+        folder = log / f"seq_{number:03}"
         folder.mkdir(parents=True)
         np.save(folder / "angles.npy", touch.q)
         np.save(folder / "torques.npy", touch.tau)
         np.save(folder / "time.npy", np.asarray(touch.time))
-    flags = ["--torque-sign", "plus", "--gravity", "included", "--json"]
-    run = [command, "--quiet", "identify", tmp_path / "log", "-o", tmp_path / "arm.toml", *flags]
-    printed: Any = json.loads(subprocess.run([*map(str, run)], capture_output=True, text=True, check=True).stdout)
-    found: Any = palpate.identify(tmp_path / "log", progress=False, touch=TORQUES)
+    flags = ["--torque-sign", "plus", "--gravity", "included"]
+    printed = run(command, "identify", log, "-o", arm, *flags)
+    found: Any = palpate.identify(log, progress=False, touch=TORQUES)
     for key in ("payload", "joints", "delay_s", "held_out"):
         assert printed[key] == found[key], key
+
+    free, pushed = log / "seq_000", log / "seq_001"
+    wrench = ["--free", free, "--wrench-link", "EndEffector_Link", "-o", table]
+    printed = run(command, "torque", pushed, "--arm", arm, *wrench, "--bandwidth-hz", 2)
+    robot = palpate.Robot(arm=arm)
+    (ours,) = palpate.external_torques(
+        pushed, robot, free=free, wrench_link="EndEffector_Link", bandwidth_hz=2.0, progress=False
+    )
+    assert ours["threshold"] == printed["threshold"] and printed["threshold_from"] == "free_logs"
+    theirs = np.genfromtxt(table, delimiter=",", names=True, dtype=None, encoding="utf-8")
+    assert ours["wrench"] is not None and ours["wrench"].shape == (500, 6)
+    np.testing.assert_allclose(ours["wrench"].T, [theirs[name] for name in ("fx", "fy", "fz", "mx", "my", "mz")])
+    np.testing.assert_allclose(ours["statistic"], theirs["statistic"])
+
+    # Without `free`, the threshold is that of unfiltered torques.
+    with pytest.warns(palpate.PalpateWarning, match="give --free"):
+        (without,) = palpate.external_torques(pushed, robot, bandwidth_hz=2.0, progress=False)
+    assert without["threshold"] != ours["threshold"] and without["wrench"] is None
+
+
+def test_needs_command_an_excitation_is_the_commands(command: Path, tmp_path: Path) -> None:
+    start = [0.1, 0.3, 0.0, 1.6, 0.0, 1.2, 0.0]
+    flags = ["--start", ",".join(map(str, start)), "--duration", 8, "--rate-hz", 20, "--speed", 0.3, "--torque", 0.5]
+    flags += ["--ground-m", "none", "--reach", 0.5, "--slow-down", 2, "--seed", 3]
+    wanted: Any = {"start": np.array(start), "duration": 8, "rate_hz": 20, "speed": 0.3, "torque": 0.5}
+    wanted |= {"ground_m": None, "reach": 0.5, "slow_down": 2, "seed": 3}
+    for given, keywords, kind in ((flags, wanted, "csv"), ([], {}, "yaml")):
+        path = tmp_path / f"motion.{kind}"
+        printed = run(command, "excite", "-o", path, *given)
+        found: Any = palpate.excite(progress=False, **keywords)
+        assert found[kind] == path.read_text()
+        assert {"output": str(path)} | {key: found[key] for key in printed if key != "output"} == printed
+
+
+def test_an_excitation_begins_and_ends_at_rest_at_the_start(robot: palpate.Robot) -> None:
+    start = np.array([0.1, 0.3, 0.0, 1.6, 0.0, 1.2, 0.0])
+    found = palpate.excite(robot, start=start, duration=8.0, progress=False)
+    assert found["joint_names"] == robot.joint_names and found["points"] == len(found["time"]) == 801
+    for end in (0, -1):
+        np.testing.assert_allclose(found["q"][end], start, atol=1e-12)
+        np.testing.assert_allclose(found["velocity"][end], 0, atol=1e-12)
+    for slope, value in (("velocity", "q"), ("acceleration", "velocity")):
+        rows: Any = found
+        numeric = np.gradient(rows[value], found["time"], axis=0)
+        np.testing.assert_allclose(rows[slope][1:-1], numeric[1:-1], atol=0.02)
+    assert np.ptp(found["q"], axis=0).max() > 0.3 and 0 < found["speed_share"] < 0.51
+
+
+def test_an_excitation_that_is_not_possible_is_refused_with_the_reason() -> None:
+    wrong: dict[str, tuple[Any, str]] = {
+        "speed": (2.0, "speed is 2; wanted a number from 0.01 to 1"),
+        "slow_down": (0.5, "slow_down is 0.5; wanted a number from 1 to 100"),
+        "ground_m": (np.inf, "ground_m is inf; wanted a height in m"),
+        "start": ([0.0, 0.5], "the start has 2 joint positions; wanted 7, for Actuator1, "),
+    }
+    for key, (value, text) in wrong.items():
+        keywords: Any = {key: value}
+        with pytest.raises(palpate.SettingsError, match=text):
+            palpate.excite(progress=False, **keywords)
+    with pytest.raises(palpate.SettingsError, match="reaches down to"):
+        palpate.excite(ground_m=3.0, progress=False)
+    with pytest.raises(ValueError, match=r"`start` has shape \(1, 7\); wanted \(N,\)"):
+        palpate.excite(start=np.zeros((1, 7)), progress=False)
+
+
+def test_torques_of_a_link_or_free_log_that_cannot_be_used_are_refused(touches: list[palpate.Touch]) -> None:
+    with pytest.raises(palpate.SettingsError, match="no link `nowhere` .*; there are .*EndEffector_Link"):
+        palpate.external_torques(touches, wrench_link="nowhere", progress=False, touch=TORQUES)
+    first = touches[0]
+    assert first.time is not None
+    short = palpate.Touch(first.q[:200], first.tau[:200], time=first.time[:200])
+    with pytest.raises(palpate.SettingsError, match=r"contact-free logs \(--free\) last less than 5 s"):
+        palpate.external_torques(touches, free=short, progress=False, touch=TORQUES)
 
 
 def test_logs_that_cannot_be_identified_from_are_refused_with_the_reason(touches: list[palpate.Touch]) -> None:

@@ -170,8 +170,28 @@ pub fn torques(
     Ok(found)
 }
 
+/// Warns if a threshold does not fit the torques of the touches, and notes if it is high.
+pub fn judge_threshold(
+    touches: &[TouchTorques],
+    joints: &[String],
+    (threshold, from): (f64, ThresholdSource),
+    settings: &TorqueSettings,
+    progress: &dyn Progress,
+) {
+    if settings.bandwidth_hz.is_some() && from == ThresholdSource::Identification {
+        progress.warn(
+            "the contact threshold was determined on unfiltered torques, so filtered torques cause fewer false alarms \
+             than --false-alarms; give --free to determine it on filtered torques",
+        );
+    }
+    warn_if_always_touched(touches, (threshold, from), progress);
+    if let Some(note) = high_threshold(touches, joints, (threshold, from)) {
+        progress.note(&note);
+    }
+}
+
 /// Warns if nearly all samples exceed a threshold that was found from free motion.
-pub fn warn_if_always_touched(
+fn warn_if_always_touched(
     touches: &[TouchTorques],
     (threshold, from): (f64, ThresholdSource),
     progress: &dyn Progress,
@@ -192,7 +212,7 @@ pub fn warn_if_always_touched(
 }
 
 /// From which torque of each joint contacts are found, as a note for the user; `None` unless the threshold is high.
-pub fn high_threshold(
+fn high_threshold(
     touches: &[TouchTorques],
     joints: &[String],
     (threshold, from): (f64, ThresholdSource),
@@ -266,6 +286,21 @@ pub(crate) fn check_range(
     }
     let (low, high) = (range.start(), range.end());
     Err(WorkError::Usage(format!("{key} is {value}; wanted a number from {low} to {high}")))
+}
+
+/// The link of this name, at whose origin a wrench is wanted.
+///
+/// # Errors
+///
+/// If the robot has no such link.
+pub fn wrench_link(robot: &Robot, name: &str) -> Result<LinkId, WorkError> {
+    robot.link_id(name).ok_or_else(|| {
+        let names: Vec<&str> = robot.links().iter().map(|link| &*link.name).collect();
+        let names = names.join(", ");
+        WorkError::Usage(format!(
+            "the robot has no link `{name}` (--wrench-link); there are {names}"
+        ))
+    })
 }
 
 /// The wrench at a link's origin that explains the torques best, each weighted by the inverse of its standard

@@ -13,6 +13,7 @@ from .results import (
     Comparisons,
     Errors,
     Evaluation,
+    Excited,
     Identified,
     Inspection,
     MapReport,
@@ -56,6 +57,7 @@ __all__ = [
     "cpus",
     "default_settings",
     "evaluate",
+    "excite",
     "external_torques",
     "extrapolate",
     "given_settings",
@@ -733,6 +735,35 @@ def inspect(
     Raises SettingsError or FileError; defects of the log itself are findings.
     """
 
+def excite(
+    robot: Robot | _Path | None = None,
+    *,
+    start: ArrayLike | None = None,
+    duration: float = 20.0,
+    rate_hz: float = 100.0,
+    speed: float = 0.5,
+    torque: float = 0.8,
+    ground_m: float | None = 0.05,
+    reach: float = 1.2,
+    slow_down: float = 1.0,
+    seed: int = 0,
+    progress: Progress = None,
+) -> Excited:
+    """Finds a motion that determines masses and friction of an arm for `identify`, as `palpate excite` does.
+
+    `start` are the joint positions at which the motion begins and ends, rad or m, without those of a gripper;
+    the middle of each range if left out. `duration` is in s, `speed` and `torque` are the largest shares of the
+    joints' limits, `ground_m` is the height above which the arm stays, m in the base frame, or None, `reach` is
+    the largest travel of a joint from its start, rad or m. `slow_down` slows the motion down by this factor.
+    Returns a dict: `joint_names`, `time` (T,) s, `q`, `velocity` and `acceleration` (T, n_joints) in rad or m, and s,
+    the keys of the command's JSON, such as `condition`, and `csv` and `yaml`, the contents of the files that the
+    command writes: a table, and a trajectory_msgs/JointTrajectory. Only the ground and the arm itself are known
+    as obstacles: play the motion slowly first.
+
+    Raises FileError if there is no such robot, or SettingsError if an argument is out of its range or no motion
+    keeps to the limits.
+    """
+
 def identify(
     log: _Logs,
     robot: Robot | _Path | None = None,
@@ -762,7 +793,9 @@ def external_torques(
     *,
     causal: bool = False,
     bandwidth_hz: float | None = None,
+    free: _Logs | None = None,
     false_alarms_per_hour: float = 1.0,
+    wrench_link: str | None = None,
     settings: AnySettings | None = None,
     progress: Progress = None,
     **sections: Unpack[LearningSections],
@@ -772,8 +805,11 @@ def external_torques(
     `log` is a path, a `Log`, a `Touch`, or several. `robot` is an identified arm, `Robot(..., arm="arm.toml")`,
     or any other arm, whose standard deviations are then a guess. Returns a dict for each touch: `name`,
     `time` (T,) s or None, `q` (T, n_joints) rad in the robot's order, `torque` and `std` (T, n_joints) N·m,
-    `statistic` (T,): the largest |torque| / std over the joints, and `threshold`, which the statistic of
-    contact-free motion exceeds `false_alarms_per_hour` times an hour; None if it is not known.
+    `statistic` (T,): the largest |torque| / std over the joints; `threshold`, which the statistic of
+    contact-free motion exceeds `false_alarms_per_hour` times an hour, None if it is not known; and `wrench`
+    (T, 6), with `wrench_link`: the force, N, and the moment, N·m, at the origin of this link that explain the
+    torques best, along the axes of the base; else None. The threshold is determined from `free`, logs of
+    contact-free motion, or from the motion that was held out in identification.
 
     Raises SettingsError, FileError or TouchError.
     """

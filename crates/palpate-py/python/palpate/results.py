@@ -570,6 +570,30 @@ class Identified(TypedDict):
     """Content of the file for `Robot(..., arm=...)`."""
 
 
+class Excited(TypedDict):
+    """Result of `excite`: a motion of T points."""
+
+    joint_names: list[str]
+    time: NDArray[np.float64]
+    q: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    points: int
+    condition: float
+    condition_of_first: float
+    """Condition number of the first motion that kept to the limits."""
+    speed_share: float
+    torque_share: float
+    lowest_m: float | None
+    """Lowest point of the moving arm in the frame of the base, if its links have shapes."""
+    nearest_m: float | None
+    """Least distance between links that are not neighbours, if there are any with shapes."""
+    csv: str
+    """Content of the file of a table."""
+    yaml: str
+    """Content of the file of a trajectory_msgs/JointTrajectory."""
+
+
 class TouchTorques(TypedDict):
     """External torques of a touch of T frames."""
 
@@ -580,3 +604,5 @@ class TouchTorques(TypedDict):
     std: NDArray[np.float64]
     statistic: NDArray[np.float64]
     threshold: float | None
+    wrench: NDArray[np.float64] | None
+    """Force, N, and moment, N·m, at the origin of `wrench_link`, (T, 6)."""
