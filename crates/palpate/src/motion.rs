@@ -102,7 +102,7 @@ impl MotionSimulator {
         if let Some(from) = &self.q {
             let (from, to) = ((&from[..], self.simulator.poses()), (q, &poses.world_from_link[..]));
             for between in self.substeps.between(from, to)? {
-                self.simulator.advance(&between);
+                self.simulator.move_to(&between);
             }
         } else {
             self.simulator.begin_touch(&poses.world_from_link);

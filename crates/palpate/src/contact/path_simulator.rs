@@ -131,11 +131,11 @@ impl<'a> PathContactSimulator<'a> {
         stop_at: &[Option<usize>],
         mut at_stop: impl FnMut(usize, &Self, Displaced),
     ) {
-        let (mut slipping, mut released, mut covered) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut lists, mut released, mut covered) = Default::default();
         let begins_touch = self.trajectory.start.is_none();
         for (at, stop) in stop_at.iter().enumerate() {
             if at > 0 {
-                self.move_held_points(at, &mut slipping, &mut released);
+                self.move_held_points(at, &mut lists, &mut released);
             }
             self.find_entered(at, &mut covered);
             let is_empty = at == 0 && begins_touch && self.trajectory.rules.known_empty;
@@ -158,11 +158,16 @@ impl<'a> PathContactSimulator<'a> {
     }
 
     /// Applies stick, slip, rub and release to all points that are held, with the links at a waypoint.
-    fn move_held_points(&mut self, at: usize, slipping: &mut Vec<u32>, released: &mut Vec<usize>) {
+    fn move_held_points(
+        &mut self,
+        at: usize,
+        lists: &mut [Vec<u32>; 2],
+        released: &mut Vec<usize>,
+    ) {
         for (link, held) in self.trajectory.links.iter().zip(&mut self.held) {
             let surface = self.trajectory.surface(link);
             let points = &mut held.points[..];
-            self.trajectory.rules.move_held_points(surface, &link.placed[at], (points, slipping));
+            self.trajectory.rules.move_held_points(surface, &link.placed[at], (points, lists));
             let mut index = 0;
             while index < held.points.len() {
                 if held.points[index].held {

@@ -23,7 +23,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::ContactConfig;
 use super::posed_link::PosedLink;
 use crate::lattice::CellId;
-use crate::sdf::DistanceGrid;
+use crate::sdf::{DistanceGrid, LANES};
 
 /// Settings of the contact model, and tolerances of its conditions.
 #[derive(Debug, Clone)]
@@ -102,13 +102,13 @@ impl ContactRules {
     /// *Stick*, *slip*, *rub* and *release* for all points that one link holds, after it has moved.
     ///
     /// Points slip in rounds, all together, so that the processor looks up many distances at once instead of waiting
-    /// for each. `slipping` is reused memory for the indices of points that still slip. Released points have
-    /// [`HeldPoint::held`] false afterwards.
+    /// for each. The two lists are reused memory for the indices of points that still slip, and of those that are still
+    /// off the surface. Released points have [`HeldPoint::held`] false afterwards.
     pub(super) fn move_held_points(
         &self,
         surface: &DistanceGrid,
         placed: &PosedLink,
-        (points, slipping): (&mut [HeldPoint], &mut Vec<u32>),
+        (points, [slipping, off]): (&mut [HeldPoint], &mut [Vec<u32>; 2]),
     ) {
         if self.coulomb_friction > 0.0 {
             points.iter_mut().for_each(HeldPoint::remember_rest);
@@ -124,9 +124,8 @@ impl ContactRules {
             if slipping.is_empty() {
                 break;
             }
-            for &index in slipping.iter() {
-                points[index as usize].project(surface, self);
-            }
+            off.clone_from(slipping);
+            self.project(surface, points, off);
             if round < self.slip_iterations {
                 slipping.retain(|&index| points[index as usize].slip(self));
             }
@@ -135,6 +134,59 @@ impl ContactRules {
         if self.coulomb_friction > 0.0 {
             points.iter_mut().for_each(|point| point.rub(placed, self.coulomb_friction));
         }
+    }
+
+    /// [`HeldPoint::project`] for all points `off` the surface, in batches, with the same bits; empties `off`.
+    fn project(&self, surface: &DistanceGrid, points: &mut [HeldPoint], off: &mut Vec<u32>) {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(simd) = pulp::x86::V3::try_new() {
+            return simd.vectorize(
+                #[inline(always)]
+                || self.project_batches(surface, points, off),
+            );
+        }
+        self.project_batches(surface, points, off);
+    }
+
+    #[inline(always)]
+    fn project_batches(
+        &self,
+        surface: &DistanceGrid,
+        points: &mut [HeldPoint],
+        off: &mut Vec<u32>,
+    ) {
+        for _ in 0..=PROJECTIONS {
+            let mut still_off = 0;
+            for first in (0..off.len()).step_by(LANES) {
+                let count = LANES.min(off.len() - first);
+                let mut index = [off[first] as usize; LANES]; // the first point fills the free lanes
+                let mut anchors = [[0.0; LANES]; 3];
+                for lane in 0..LANES {
+                    if lane < count {
+                        index[lane] = off[first + lane] as usize;
+                    }
+                    let anchor = &points[index[lane]].anchor_link;
+                    anchors[0][lane] = anchor.x;
+                    anchors[1][lane] = anchor.y;
+                    anchors[2][lane] = anchor.z;
+                }
+                let (distance_m, normal) = surface.distances_and_normals(&anchors);
+                for lane in 0..count {
+                    let point = &mut points[index[lane]];
+                    let miss_m = distance_m[lane] - self.contact_distance_m;
+                    point.normal_link =
+                        Vector3::new(normal[0][lane], normal[1][lane], normal[2][lane]);
+                    point.anchor_link -= point.normal_link * miss_m;
+                    off[still_off] = index[lane] as u32;
+                    still_off += usize::from(miss_m.abs() >= self.surface_tolerance_m);
+                }
+            }
+            off.truncate(still_off);
+            if off.is_empty() {
+                return;
+            }
+        }
+        off.clear();
     }
 }
 

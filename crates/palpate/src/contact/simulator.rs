@@ -32,7 +32,7 @@ pub struct ContactSimulator {
     /// Broad phase of each link.
     broad_phases: Vec<BroadPhase>,
     /// Reused memory for [`ContactRules::move_held_points`].
-    slipping: Vec<u32>,
+    lists: [Vec<u32>; 2],
 }
 
 /// Poses of the links at one moment, and the points that they hold.
@@ -64,7 +64,7 @@ impl ContactSimulator {
             rules: ContactRules::new(config),
             state: ContactState { poses: Vec::new(), held, taken: CellSet::default() },
             broad_phases: vec![BroadPhase::default(); surfaces.len()],
-            slipping: Vec::new(),
+            lists: Default::default(),
             lattice,
             surfaces,
         })
@@ -123,6 +123,12 @@ impl ContactSimulator {
     ///
     /// If no touch was begun, or there is not one pose for each link: bugs in the caller.
     pub fn advance(&mut self, world_from_link: &[Isometry3<f64>]) -> Contacts {
+        self.move_to(world_from_link);
+        self.contacts()
+    }
+
+    /// [`ContactSimulator::advance`] without a list of the contacts, for poses between two samples.
+    pub(crate) fn move_to(&mut self, world_from_link: &[Isometry3<f64>]) {
         let poses = &self.state.poses;
         assert_eq!(world_from_link.len(), poses.len(), "one pose per link, after begin_touch");
         if world_from_link != poses {
@@ -134,7 +140,6 @@ impl ContactSimulator {
             let entered = self.find_entered(&released);
             self.hold(&entered);
         }
-        self.contacts()
     }
 
     /// Applies stick, slip, rub and release to the points of one link; adds the places of released ones to
@@ -148,13 +153,12 @@ impl ContactSimulator {
         let Some(surface) = &self.surfaces[link] else { return };
         let held = &mut self.state.held[link];
         let placed = PosedLink::new(world_from_link);
-        self.rules.move_held_points(surface, &placed, (&mut *held, &mut self.slipping));
-        let first = released.len();
-        let let_go = held.iter().filter(|point| !point.held);
-        released.extend(let_go.map(|point| self.lattice.place(point.cell)));
-        if released.len() > first {
-            held.retain(|point| point.held);
-            released[first..].iter().for_each(|place| self.state.taken.remove(*place));
+        self.rules.move_held_points(surface, &placed, (held, &mut self.lists));
+        let Some(first) = held.iter().position(|point| !point.held) else { return };
+        for point in held.extract_if(first.., |point| !point.held) {
+            let place = self.lattice.place(point.cell);
+            self.state.taken.remove(place);
+            released.push(place);
         }
     }
 

@@ -27,6 +27,12 @@ pub struct DistanceGrid {
 /// Squared slope, in (metres per cell)², below which its direction is dominated by rounding errors.
 const FLAT: f64 = 1e-16;
 
+/// Number of points whose distances are computed together by [`DistanceGrid::distances_and_normals`].
+pub(crate) const LANES: usize = 8;
+
+/// One number for each point of a batch.
+pub(crate) type Lanes<T> = [T; LANES];
+
 /// Eight nodes and a position between them.
 struct GridCell {
     /// Pairs along x; y runs faster than z.
@@ -135,6 +141,85 @@ impl DistanceGrid {
         let along = Vector3::from_fn(|i, _| if excess[i] == 0.0 { slope[i] } else { 0.0 });
         let uphill = inner * self.cells_per_m * along + excess;
         ((inner * inner + excess.norm_squared()).sqrt(), self.unit(uphill, point_link))
+    }
+
+    /// [`DistanceGrid::distance_and_normal`] of a batch of points, to the bit: coordinates by axis, by point.
+    ///
+    /// The loops over lanes are written out, so that they are compiled for the instruction set of the caller.
+    #[inline(always)]
+    pub(crate) fn distances_and_normals(
+        &self,
+        points_link: &[Lanes<f64>; 3],
+    ) -> (Lanes<f64>, [Lanes<f64>; 3]) {
+        let (mut cell, mut fraction) = ([[0_i32; LANES]; 3], [[0.0_f32; LANES]; 3]);
+        let mut is_inside = true;
+        for axis in 0..3 {
+            let (origin, last) = (self.origin_m[axis], self.last_cell[axis]);
+            for lane in 0..LANES {
+                let scaled = (points_link[axis][lane] - origin) * self.cells_per_m;
+                is_inside &= (scaled >= 0.0) & (scaled < last);
+                cell[axis][lane] = scaled as i32;
+                fraction[axis][lane] = (scaled - f64::from(cell[axis][lane])) as f32;
+            }
+        }
+        if !is_inside {
+            return self.one_by_one(points_link);
+        }
+        let (value, slope) = values_and_slopes(&self.nodes_of(&cell), &fraction);
+        let mut norm_sq = [0.0; LANES];
+        let mut is_steep = true;
+        for lane in 0..LANES {
+            let [x, y, z] = [slope[0][lane], slope[1][lane], slope[2][lane]];
+            norm_sq[lane] = x * x + y * y + z * z;
+            is_steep &= norm_sq[lane] > FLAT;
+        }
+        if !is_steep {
+            return self.one_by_one(points_link);
+        }
+        let (mut distance_m, mut normal) = ([0.0; LANES], slope);
+        for lane in 0..LANES {
+            let factor = norm_sq[lane].sqrt().recip();
+            distance_m[lane] = f64::from(value[lane]);
+            for normal in &mut normal {
+                normal[lane] *= factor;
+            }
+        }
+        (distance_m, normal)
+    }
+
+    /// [`DistanceGrid::distances_and_normals`] of points of which some are beyond the grid, or where it is flat.
+    #[cold]
+    #[inline(never)]
+    fn one_by_one(&self, points_link: &[Lanes<f64>; 3]) -> (Lanes<f64>, [Lanes<f64>; 3]) {
+        let (mut distance_m, mut normal) = ([0.0; LANES], [[0.0; LANES]; 3]);
+        for lane in 0..LANES {
+            let point = Point3::from(points_link.map(|axis| axis[lane]));
+            let (distance, unit) = self.distance_and_normal(&point);
+            distance_m[lane] = distance;
+            (0..3).for_each(|axis| normal[axis][lane] = unit[axis]);
+        }
+        (distance_m, normal)
+    }
+
+    /// The eight nodes of each cell, in the order of [`GridCell::nodes_m`].
+    #[inline(always)]
+    fn nodes_of(&self, cell: &[Lanes<i32>; 3]) -> [Lanes<f32>; 8] {
+        let [row, plane] = self.strides;
+        let mut nodes_m = [[0.0; LANES]; 8];
+        for lane in 0..LANES {
+            let [x, y, z] = [cell[0][lane], cell[1][lane], cell[2][lane]].map(|n| n as usize);
+            let base = x + row * y + plane * z;
+            let nodes = &self.nodes_m[base..base + plane + row + 2];
+            nodes_m[0][lane] = nodes[0];
+            nodes_m[1][lane] = nodes[1];
+            nodes_m[2][lane] = nodes[row];
+            nodes_m[3][lane] = nodes[row + 1];
+            nodes_m[4][lane] = nodes[plane];
+            nodes_m[5][lane] = nodes[plane + 1];
+            nodes_m[6][lane] = nodes[plane + row];
+            nodes_m[7][lane] = nodes[plane + row + 1];
+        }
+        nodes_m
     }
 
     /// Smoothed signed distance, m, and its gradient, which is nearly a unit vector; both are continuous.
@@ -266,7 +351,60 @@ impl DistanceGrid {
     }
 }
 
-#[inline]
+/// [`GridCell::value_and_slope`] of a batch.
+#[inline(always)]
+fn values_and_slopes(
+    nodes_m: &[Lanes<f32>; 8],
+    [x, y, z]: &[Lanes<f32>; 3],
+) -> (Lanes<f32>, [Lanes<f64>; 3]) {
+    let (mut value, mut slope) = ([0.0; LANES], [[0.0; LANES]; 3]);
+    for lane in 0..LANES {
+        let (x, y, z) = (x[lane], y[lane], z[lane]);
+        let [a, b, c, d] = [nodes_m[0][lane], nodes_m[1][lane], nodes_m[2][lane], nodes_m[3][lane]];
+        let [e, f, g, h] = [nodes_m[4][lane], nodes_m[5][lane], nodes_m[6][lane], nodes_m[7][lane]];
+        let (ab, cd, ef, gh) = (lerp(a, b, x), lerp(c, d, x), lerp(e, f, x), lerp(g, h, x));
+        let (low, high) = (lerp(ab, cd, y), lerp(ef, gh, y));
+        value[lane] = lerp(low, high, z);
+        slope[0][lane] = f64::from(lerp(lerp(b - a, d - c, y), lerp(f - e, h - g, y), z));
+        slope[1][lane] = f64::from(lerp(cd - ab, gh - ef, z));
+        slope[2][lane] = f64::from(high - low);
+    }
+    (value, slope)
+}
+
+#[inline(always)]
 fn lerp(a: f32, b: f32, t: f32) -> f32 {
     a + (b - a) * t
+}
+
+#[cfg(test)]
+mod tests {
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::{Rng, SeedableRng};
+
+    use super::*;
+
+    #[test]
+    fn a_batch_of_points_has_the_distances_and_normals_of_single_points_to_the_bit() {
+        let mut rng = ChaCha8Rng::seed_from_u64(9);
+        let mut uniform = || f64::from(rng.next_u32()) / f64::from(u32::MAX);
+        let shape = [5, 6, 7];
+        let surface = [Point3::new(0.1, 0.1, 0.1), Point3::new(0.3, 0.4, 0.5)];
+        let mut nodes_m: Vec<f32> = (0..5 * 6 * 7).map(|_| uniform() as f32).collect();
+        nodes_m[..2 * 5 * 6].fill(0.25); // no slope between the first two planes
+        let grid = DistanceGrid::new(Point3::origin(), 0.1, shape, surface, nodes_m);
+        // Points inside the grid; where it is flat; some of them beyond it.
+        for [low, high] in [[0.1, 0.39], [0.0, 0.39], [-0.2, 0.8]] {
+            for _ in 0..50 {
+                let points = [0; 3].map(|_| [0; LANES].map(|_| low + (high - low) * uniform()));
+                let (distance_m, normal) = grid.distances_and_normals(&points);
+                for lane in 0..LANES {
+                    let point = Point3::from(points.map(|axis| axis[lane]));
+                    let (distance, unit) = grid.distance_and_normal(&point);
+                    assert_eq!(distance_m[lane].to_bits(), distance.to_bits());
+                    assert_eq!(Vector3::from(normal.map(|axis| axis[lane])), unit);
+                }
+            }
+        }
+    }
 }

@@ -27,6 +27,7 @@ mod winding;
 pub use bake::{BakeConfig, BakeReport, Solid, bake};
 pub(crate) use bytes::checksum;
 pub use grid::DistanceGrid;
+pub(crate) use grid::LANES;
 pub use mesh::TriangleMesh;
 pub use primitive::signed_distance;
 
