@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use crate::error::{LearnError, Stop};
 use crate::folds::among;
 use crate::method::learn;
+use crate::study::for_thinned;
 use crate::tracked::{TrackedFrame, TrackedTouches};
 
 /// Fewest touches for a calibration.
@@ -103,7 +104,7 @@ pub fn calibrate(
     if train.len() < FEWEST {
         return Ok(None);
     }
-    let mut config = config.clone();
+    let mut config = for_thinned(config, tracked.thinning.every);
     config.estimator.replays = config.estimator.replays.min(REPLAYS);
     let held_out: Vec<Vec<Vec<PredictedFrame>>> = among(train, train.len().min(MAX_FOLDS))
         .par_iter()

@@ -8,6 +8,7 @@ use palpate::{Arm, Calibration, MapperConfig, Sample};
 
 use crate::calibrate::calibrate;
 use crate::error::{LearnError, Stop};
+use crate::thinning::largest_changes;
 use crate::torque_errors::RELATIVE_FROM_N_M;
 use crate::tracked::{TouchSamples, TrackedTouches, largest_torques};
 use crate::tune::{FixedSettings, Search, Tuned, Tuner};
@@ -17,6 +18,8 @@ pub const MIN_TUNING_TOUCHES: usize = 3;
 /// Most touches from which settings are chosen, and most samples of them after [`Downsampling`].
 const QUICK_TOUCHES: usize = 16;
 const QUICK_LEARNT: usize = 20_000;
+/// Most touches whose contacts are simulated to pick those touches.
+const MAX_SIMULATED: usize = 24;
 
 /// Chosen settings, and bands around predictions under them if there were enough touches.
 #[derive(Debug, Clone)]
@@ -39,7 +42,7 @@ pub fn pick(
     touches: &[&[Sample]],
     stop: Stop<'_>,
 ) -> Result<(Vec<usize>, bool), LearnError> {
-    let torques = largest_torques(arm, config, touches, stop)?;
+    let torques = largest_torques(arm, config, &candidates((arm, config), touches)?, stop)?;
     let learnt = |samples: &&[Sample]| {
         let mut downsampling = Downsampling::default();
         samples.iter().filter(|sample| downsampling.takes(sample)).count()
@@ -58,6 +61,24 @@ pub fn pick(
     Ok((kept, are_all))
 }
 
+/// The touches; of more than [`MAX_SIMULATED`], those are empty in which the torque changes less than in so many others.
+fn candidates<'a>(
+    (arm, config): (&Arc<Arm>, &MapperConfig),
+    touches: &[&'a [Sample]],
+) -> Result<Vec<&'a [Sample]>, LearnError> {
+    if touches.len() <= MAX_SIMULATED {
+        return Ok(touches.to_vec());
+    }
+    let changes = largest_changes(arm, config, touches)?;
+    let mut places: Vec<usize> = (0..touches.len()).collect();
+    places.sort_by(|a, b| changes[*b].total_cmp(&changes[*a]));
+    let mut candidates = vec![&[][..]; touches.len()];
+    for &place in places.iter().take(MAX_SIMULATED) {
+        candidates[place] = touches[place];
+    }
+    Ok(candidates)
+}
+
 /// Chooses the settings that are not `given`, by cross-validation on all of these touches, and calibrates bands.
 ///
 /// # Errors
@@ -69,7 +90,7 @@ pub fn choose(
     given: FixedSettings,
     stop: Stop<'_>,
 ) -> Result<Chosen, LearnError> {
-    let tracked = TrackedTouches::new(arm, config, touches, stop)?;
+    let tracked = TrackedTouches::bounded(arm, config, touches, stop)?;
     let search = Search::quick(config, given);
     let tuner = Tuner::new((arm, touches, &tracked), config, search, stop, &|| ())?;
     let everything: Vec<usize> = (0..touches.len()).collect();
@@ -127,7 +148,7 @@ pub fn bands(
         tracked
     } else {
         // Tracked anew: the tare depends on the contact model.
-        other = TrackedTouches::new(arm, chosen, touches, stop)?;
+        other = tracked.again(arm, chosen, touches, stop)?;
         &other
     };
     let everything: Vec<usize> = (0..touches.len()).collect();

@@ -19,7 +19,7 @@ use palpate::unstable::{LocalPolynomial, Window};
 use rayon::prelude::*;
 
 use crate::evaluation::MeanStd;
-use crate::tracked::{TrackedFrame, TrackedTouch, TrackedTouches};
+use crate::tracked::MotionFrame;
 
 /// Halves of the windows from which speeds are computed, s.
 const WINDOWS_S: [f64; 2] = [0.1, 0.2];
@@ -57,11 +57,11 @@ pub(crate) struct Explained {
 }
 
 impl OwnMotion {
-    /// The motions of tracked touches, at every n-th frame.
-    pub(crate) fn of(robot: &Robot, tracked: &TrackedTouches, n: usize) -> Self {
+    /// The motions of touches, at about so many frames as `most` in all.
+    pub(crate) fn of(robot: &Robot, motions: &[Vec<MotionFrame>], most: usize) -> Self {
+        let n = motions.iter().map(Vec::len).sum::<usize>().div_ceil(most).max(1);
         let touches = |half_s: f64| {
-            let frames = |touch: &TrackedTouch| frames(robot, touch, (half_s, n.max(1)));
-            tracked.touches.par_iter().map(frames).collect()
+            motions.par_iter().map(|motion| frames(robot, motion, (half_s, n))).collect()
         };
         Self(WINDOWS_S.map(touches).into())
     }
@@ -79,8 +79,8 @@ impl OwnMotion {
 }
 
 /// The motion at every n-th frame of a touch.
-fn frames(robot: &Robot, touch: &TrackedTouch, (half_s, n): (f64, usize)) -> Vec<Frame> {
-    let (mut times_s, positions): (Vec<f64>, Vec<Vec<f64>>) = (touch.frames.iter())
+fn frames(robot: &Robot, motion: &[MotionFrame], (half_s, n): (f64, usize)) -> Vec<Frame> {
+    let (mut times_s, positions): (Vec<f64>, Vec<Vec<f64>>) = (motion.iter())
         .map(|frame| (frame.time_s.unwrap_or(f64::NAN), frame.unwrapped.clone()))
         .unzip();
     let is_timed = times_s.iter().all(|time| time.is_finite())
@@ -88,10 +88,10 @@ fn frames(robot: &Robot, touch: &TrackedTouch, (half_s, n): (f64, usize)) -> Vec
     if !is_timed {
         times_s = (0..times_s.len()).map(|number| UNTIMED_S * number as f64).collect();
     }
-    let frame = |(frame, time_s): (&TrackedFrame, &f64)| {
+    let frame = |(frame, time_s): (&MotionFrame, &f64)| {
         let motion =
             LocalPolynomial::new(&times_s, &positions, half_s, Window::Centred).at(*time_s);
-        let tau = frame.observation.tau().as_slice().to_vec();
+        let tau = frame.tau.clone();
         let inertia = match robot.forward(&frame.q) {
             Ok(poses) if is_timed => {
                 let needed = robot.inverse_dynamics(&poses, &motion.first, &motion.second);
@@ -101,7 +101,7 @@ fn frames(robot: &Robot, touch: &TrackedTouch, (half_s, n): (f64, usize)) -> Vec
         };
         Frame { speed: motion.first, inertia, tau }
     };
-    touch.frames.iter().zip(&times_s).step_by(n).map(frame).collect()
+    motion.iter().zip(&times_s).step_by(n).map(frame).collect()
 }
 
 /// How well the motion explains the torques of touches, with this multiple of the inertia.

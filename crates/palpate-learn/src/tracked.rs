@@ -11,12 +11,21 @@ use palpate::unstable::{
     CellRows, CellState, Downsampling, ElasticBody, Observation, ObservationBuilder, StiffnessRule,
     TrackedSample, Tracker, torque_weights,
 };
-use palpate::{Arm, CellId, ContactConfig, EstimatorConfig, Lattice, MapperConfig, Sample, Tare};
+use palpate::{
+    Arm, CellId, ContactConfig, EstimatorConfig, Lattice, MapperConfig, Sample, Tare, TrackerError,
+};
 use rayon::prelude::*;
 
 use crate::elastic::{BodyTorques, ConvergenceCounts};
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::regression::Frames;
+use crate::thinning::{Thinning, Ways};
+
+/// About the most steps of the simulator for a contact model in [`TrackedTouches::bounded`] and in [`largest_torques`]:
+/// a little more than sixteen simulated touches of 400 samples take.
+const STEPS: f64 = 7_000.0;
+/// The same for the sum of contacts over all steps.
+const CONTACTS: f64 = 2e7;
 
 /// A touch as logged, with the true torques if they are known.
 #[derive(Debug, Clone)]
@@ -43,6 +52,10 @@ pub struct TrackedTouches {
     pub points_m: Vec<[f64; 3]>,
     /// Number of joints of the arm.
     pub n_joints: usize,
+    /// Which of the learnt samples were simulated.
+    pub(crate) thinning: Thinning,
+    /// All learnt samples after the tare, by touch, simulated or not.
+    pub(crate) motions: Arc<[Vec<MotionFrame>]>,
     /// Torques of an elastic body along the touches, if there is a body.
     pub(crate) body: Option<Arc<BodyTorques>>,
 }
@@ -58,6 +71,26 @@ pub struct TrackedTouch {
     of_tare: Vec<DVector<f64>>,
     /// The motion of the arm while it touches something.
     pub(crate) in_contact: PathLength,
+}
+
+/// Position and torque of a learnt sample after the tare.
+#[derive(Debug, Clone)]
+pub(crate) struct MotionFrame {
+    /// Logged time, s.
+    pub(crate) time_s: Option<f64>,
+    /// Joint positions, n_joints, rad.
+    pub(crate) q: Vec<f64>,
+    /// [`TrackedFrame::unwrapped`], n_joints, rad.
+    pub(crate) unwrapped: Vec<f64>,
+    /// External torque, n_joints, N·m.
+    pub(crate) tau: Vec<f64>,
+}
+
+impl MotionFrame {
+    fn of(sample: &Sample, unwrapped: &[f64], tau: &DVector<f64>) -> Self {
+        let [q, unwrapped, tau] = [&sample.q, unwrapped, tau.as_slice()].map(<[f64]>::to_vec);
+        Self { time_s: sample.time_s, q, unwrapped, tau }
+    }
 }
 
 /// Path length and duration of a motion; 0 without times.
@@ -103,7 +136,64 @@ impl TrackedTouches {
         stop: Stop<'_>,
     ) -> Result<Self, LearnError> {
         touches.iter().try_for_each(|touch| check_truth(touch, arm.robot.n_joints()))?;
-        Self::track(arm, config, touches, (None, 1), stop)
+        Self::track(arm, config, (touches, Thinning::default()), (None, 1), stop)
+    }
+
+    /// [`TrackedTouches::new`] with fewer samples of long touches, so that tracking them and [tuning](crate::tune) take
+    /// a bounded time.
+    ///
+    /// # Errors
+    ///
+    /// As [`TrackedTouches::new`].
+    pub fn bounded(
+        arm: &Arc<Arm>,
+        config: &MapperConfig,
+        touches: &[TouchSamples],
+        stop: Stop<'_>,
+    ) -> Result<Self, LearnError> {
+        let samples: Vec<&[Sample]> = touches.iter().map(|touch| &touch.samples[..]).collect();
+        let ways = Ways::of(arm, config, &samples);
+        let thinning = ways.thinned_to(STEPS, Thinning::default());
+        let mut tracked = Self::track(arm, config, (touches, thinning), (None, 1), stop)?;
+        let most = CONTACTS / tracked.contacts_per_frame().max(1.0);
+        tracked.thin(ways.thinned_to(most, thinning), touches);
+        Ok(tracked)
+    }
+
+    /// Tracks the same samples again under other settings.
+    ///
+    /// # Errors
+    ///
+    /// As [`TrackedTouches::new`].
+    pub fn again(
+        &self,
+        arm: &Arc<Arm>,
+        config: &MapperConfig,
+        touches: &[TouchSamples],
+        stop: Stop<'_>,
+    ) -> Result<Self, LearnError> {
+        Self::track(arm, config, (touches, self.thinning), (None, 1), stop)
+    }
+
+    /// Mean number of contacts of a frame.
+    pub(crate) fn contacts_per_frame(&self) -> f64 {
+        let frames = self.touches.iter().flat_map(|touch| &touch.frames);
+        let counts = frames.clone().map(|frame| frame.observation.n_contacts());
+        counts.sum::<usize>() as f64 / frames.count().max(1) as f64
+    }
+
+    /// Drops frames; the new thinning is at least the present one.
+    fn thin(&mut self, thinning: Thinning, touches: &[TouchSamples]) {
+        let step = thinning.every / self.thinning.every;
+        for (touch, logged) in self.touches.iter_mut().zip(touches) {
+            let mut number = 0..;
+            touch.frames.retain(|frame| {
+                let place = (frame.sample as usize, logged.samples.len());
+                number.next().is_some_and(|number: usize| number.is_multiple_of(step))
+                    && thinning.reaches(place)
+            });
+        }
+        self.thinning = thinning;
     }
 
     /// Tracks every n-th frame again under another contact model, with the external torques of `self`.
@@ -122,7 +212,7 @@ impl TrackedTouches {
         let mut config = config.clone();
         config.contact = contact.clone();
         config.touch.tare = Tare::None; // The torques of `self` are already tared.
-        Self::track(arm, &config, touches, (Some(self), n), stop)
+        Self::track(arm, &config, (touches, self.thinning), (Some(self), n), stop)
     }
 
     /// Adds the simulated torques of an elastic body along every touch, for [`crate::method::Method::Elastic`]. Several
@@ -168,6 +258,8 @@ impl TrackedTouches {
             cells: self.cells.clone(),
             points_m: self.points_m.clone(),
             n_joints: self.n_joints,
+            thinning: self.thinning,
+            motions: Arc::clone(&self.motions),
             body: None,
         }
     }
@@ -175,7 +267,7 @@ impl TrackedTouches {
     fn track(
         arm: &Arc<Arm>,
         config: &MapperConfig,
-        touches: &[TouchSamples],
+        (touches, thinning): (&[TouchSamples], Thinning),
         (like, every): (Option<&Self>, usize),
         stop: Stop<'_>,
     ) -> Result<Self, LearnError> {
@@ -184,16 +276,18 @@ impl TrackedTouches {
         let first = touches.iter().flat_map(|touch| &touch.samples).map(|sample| &sample.q).next();
         let track = |(number, touch): (usize, &TouchSamples)| {
             let like = like.map(|like| like.touches[number].frames.as_slice());
-            follow(tracker.clone(), (number, touch), (first, like, every.max(1)), stop)
+            follow(tracker.clone(), (number, touch, thinning), (first, like, every.max(1)), stop)
         };
         let mut observations = ObservationBuilder::new(CellRows::new(config.lattice.clone()));
         let mut tracked = Vec::with_capacity(touches.len());
+        let mut motions = Vec::with_capacity(touches.len());
         let numbered: Vec<(usize, &TouchSamples)> = touches.iter().enumerate().collect();
         // Contacts need more memory than observations, so only one chunk of touches has them at a time.
         for some in numbered.chunks(rayon::current_num_threads().max(1)) {
             let followed: Vec<_> = some.par_iter().map(|touch| track(*touch)).collect();
             for (frames, (number, touch)) in followed.into_iter().zip(some) {
-                let (frames, mut of_tare) = frames?;
+                let Followed { frames, mut of_tare, motion } = frames?;
+                motions.push(motion);
                 if let Some(like) = like {
                     of_tare.clone_from(&like.touches[*number].of_tare);
                 }
@@ -210,6 +304,8 @@ impl TrackedTouches {
             cells: observations.rows().cells().to_vec(),
             points_m: observations.rows().points_m().to_vec(),
             n_joints: arm.robot.n_joints(),
+            thinning,
+            motions: like.map_or_else(|| motions.into(), |like| Arc::clone(&like.motions)),
             body: like.filter(|_| every == 1).and_then(|like| like.body.clone()),
         })
     }
@@ -289,7 +385,8 @@ impl TrackedFrame {
     }
 }
 
-/// For each touch, given by its samples, the largest norm of the external torque in contact, N·m; 0 without contact.
+/// For each touch, given by its samples, the largest norm of the external torque in contact, N·m; 0 without contact. In
+/// long logs, a touch is simulated only up to its first contact, and counts as in contact from then on.
 ///
 /// # Errors
 ///
@@ -302,7 +399,12 @@ pub fn largest_torques(
 ) -> Result<Vec<f64>, LearnError> {
     let (contact, touch) = (&config.contact, config.touch.clone());
     let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), contact, touch)?;
+    let is_long = Ways::of(arm, config, touches).steps(Thinning::default()) > STEPS;
     let largest = |(number, samples): (usize, &&[Sample])| {
+        let at = |sample, source: TrackerError| {
+            let source = source.into();
+            LearnError::Sample { touch: number, sample, source }
+        };
         let (mut tracker, mut downsampling, mut largest) =
             (tracker.clone(), Downsampling::default(), 0.0_f64);
         tracker.begin_touch();
@@ -311,11 +413,12 @@ pub fn largest_torques(
             if !downsampling.takes(logged) && tracker.tare().is_some() {
                 continue;
             }
-            let frame = tracker.feed(logged).map_err(|error| LearnError::Sample {
-                touch: number,
-                sample,
-                source: error.into(),
-            })?;
+            if let Some(tare) = tracker.tare().filter(|_| is_long && largest > 0.0) {
+                let (_, untared) = tracker.check(logged).map_err(|error| at(sample, error))?;
+                largest = largest.max((untared - tare).norm());
+                continue;
+            }
+            let frame = tracker.feed(logged).map_err(|error| at(sample, error))?;
             if let Some(external) = frame.external.filter(|_| !frame.contacts.is_empty()) {
                 largest = largest.max(external.norm());
             }
@@ -357,56 +460,78 @@ impl SimulatedFrame {
     }
 }
 
-/// Simulates a touch: every n-th of its downsampled frames after the tare (if `like` is given, of its frames and with
-/// their torques), and the torques during the tare, with the bias.
+/// A touch that was simulated.
+#[derive(Default)]
+struct Followed {
+    frames: Vec<SimulatedFrame>,
+    of_tare: Vec<DVector<f64>>,
+    motion: Vec<MotionFrame>,
+}
+
+/// Simulates a touch: every n-th of its downsampled and thinned frames after the tare (if `like` is given, of its frames
+/// and with their torques), and the torques during the tare, with the bias.
 fn follow(
     mut tracker: Tracker,
-    (number, touch): (usize, &TouchSamples),
+    (number, touch, thinning): (usize, &TouchSamples, Thinning),
     (first, like, every): (Option<&Vec<f64>>, Option<&[TrackedFrame]>, usize),
     stop: Stop<'_>,
-) -> Result<(Vec<SimulatedFrame>, Vec<DVector<f64>>), LearnError> {
+) -> Result<Followed, LearnError> {
     let at = |sample, source| LearnError::Sample { touch: number, sample, source };
     let arm = Arc::clone(tracker.arm());
     tracker.begin_touch();
-    let (mut frames, mut of_tare, mut n_frames) = (Vec::new(), Vec::new(), 0);
-    // If the first sample is of another robot, it is ignored here; `feed` reports the error at the right place.
+    let (mut followed, mut n_frames) = (Followed::default(), 0);
+    // If the first sample is of another robot, it is ignored here; the check reports the error at the right place.
     let first = first.filter(|q| q.len() == arm.robot.n_joints());
     let mut before = first.or(touch.samples.first().map(|sample| &sample.q)).cloned();
     let mut unwrapped = before.clone().unwrap_or_default();
     let mut downsampling = Downsampling::default();
     for (index, sample) in touch.samples.iter().enumerate() {
         unless_stopped(stop)?;
+        let (_, untared) = tracker.check(sample).map_err(|error| at(index, error.into()))?;
         let is_learnt = downsampling.takes(sample);
-        if !is_learnt && tracker.tare().is_some() {
-            tracker.check(sample).map_err(|error| at(index, error.into()))?;
+        let is_simulated = is_learnt
+            && match like {
+                Some(like) => (like.get(n_frames))
+                    .is_some_and(|next| n_frames == 0 || next.sample == index as u32),
+                None => thinning.takes(followed.motion.len(), (index, touch.samples.len())),
+            };
+        let tracked = match tracker.tare() {
+            Some(_) if !is_simulated => None,
+            _ => Some(tracker.feed(sample).map_err(|error| at(index, error.into()))?),
+        };
+        if is_learnt || tracked.is_some() {
+            let way = arm.robot.difference(before.as_ref().unwrap_or(&sample.q), &sample.q);
+            unwrapped.iter_mut().zip(&way).for_each(|(total, way)| *total += way);
+            before = Some(sample.q.clone());
+        }
+        let Some(tare) = tracker.tare() else {
+            followed.of_tare.push(untared);
+            continue;
+        };
+        if !is_learnt {
             continue;
         }
-        let mut frame = tracker.feed(sample).map_err(|error| at(index, error.into()))?;
-        let way = arm.robot.difference(before.as_ref().unwrap_or(&sample.q), &sample.q);
-        unwrapped.iter_mut().zip(&way).for_each(|(total, way)| *total += way);
-        before = Some(sample.q.clone());
+        let unwrapped = unwrapped.clone();
         let external = match like {
-            None => frame.external.take(),
-            Some(like) => {
-                let known = like.get(n_frames).filter(|known| known.sample == index as u32);
-                known.map(|known| known.observation.tau().into_owned())
-            }
+            None => untared - tare,
+            Some(like) => match like.get(n_frames) {
+                Some(known) if known.sample == index as u32 => known.observation.tau().into_owned(),
+                _ => continue,
+            },
         };
-        if let Some(external) = external {
-            if !is_learnt {
-                continue;
-            }
+        if like.is_none() {
+            followed.motion.push(MotionFrame::of(sample, &unwrapped, &external));
+        }
+        if let Some(tracked) = tracked {
             if n_frames.is_multiple_of(every) {
-                let unwrapped = unwrapped.clone();
-                frames.push(SimulatedFrame { sample: index, unwrapped, tracked: frame, external });
+                let frame = SimulatedFrame { sample: index, unwrapped, tracked, external };
+                followed.frames.push(frame);
             }
             n_frames += 1;
-        } else {
-            of_tare.push(frame.untared);
         }
     }
     tracker.end_touch().map_err(|error| at(touch.samples.len(), error.into()))?;
-    Ok((frames, of_tare))
+    Ok(followed)
 }
 
 /// The motion of the arm between successive frames in contact.

@@ -69,6 +69,8 @@ const FRAMES: usize = 1_200;
 const QUICK_FRAMES: usize = 300;
 /// About the most frames at which the arm's own motion is computed.
 const MOTION_FRAMES: usize = 5_000;
+/// With more contacts in a frame than this, in the mean, a candidate learns and predicts fewer frames.
+const MANY_CONTACTS: f64 = 6_000.0;
 /// Inner folds of the first two rounds; the last round is leave-one-touch-out.
 const INNER: usize = 4;
 /// Number of stiffness scales that are compared, evenly spaced down from 1, without 0.
@@ -153,6 +155,11 @@ impl Search {
         Self { candidates, given, frames: FRAMES, one_by_one: true }
     }
 
+    /// Whether it is a quick search.
+    pub fn is_quick(&self) -> bool {
+        !self.one_by_one
+    }
+
     /// Number of candidates.
     pub fn candidates(&self) -> usize {
         self.candidates.len()
@@ -193,16 +200,16 @@ pub struct Tuner {
     search: Search,
     /// The touches under each contact model.
     tracked: Vec<(ContactConfig, TrackedTouches)>,
-    /// `tracked` has every n-th frame; this is n.
+    /// `tracked` has every n-th learnt sample; this is n.
     every: usize,
     motion: OwnMotion,
 }
 
 impl Tuner {
-    /// Simulates the contact models of the candidates.
+    /// Simulates the contact models of the candidates, in parallel.
     ///
-    /// `base` are the touches tracked under the contact model and the lattice of `config`; `done` is called after
-    /// every candidate, for a progress bar.
+    /// `base` are the touches tracked under the contact model and the lattice of `config`; `done` is called for every
+    /// candidate, from any thread, for a progress bar.
     ///
     /// # Errors
     ///
@@ -212,24 +219,33 @@ impl Tuner {
         config: &MapperConfig,
         search: Search,
         stop: Stop<'_>,
-        done: &dyn Fn(),
+        done: &(dyn Fn() + Sync),
     ) -> Result<Self, LearnError> {
         drop(config.estimator(base.n_joints)?); // refused before anything is simulated
         let frames: usize = base.touches.iter().map(|touch| touch.frames.len()).sum();
-        let every = frames.div_ceil(search.frames).max(1);
-        let mut tracked: Vec<(ContactConfig, TrackedTouches)> = Vec::new();
+        let most =
+            (search.frames as f64 * (MANY_CONTACTS / base.contacts_per_frame()).min(1.0)) as usize;
+        let every = frames.div_ceil(most.max(1)).max(1);
+        let mut models: Vec<&ContactConfig> = Vec::new();
         for MapperConfig { contact, .. } in &search.candidates {
-            if tracked.iter().all(|(model, _)| model != contact) {
-                let frames = if *contact == config.contact {
-                    base.thinned(every)
-                } else {
-                    base.with_contact_model(contact, arm, config, (touches, every), stop)?
-                };
-                tracked.push((contact.clone(), frames));
+            if !models.contains(&contact) {
+                models.push(contact);
             }
-            done();
         }
-        let motion = OwnMotion::of(&arm.robot, base, frames.div_ceil(MOTION_FRAMES));
+        let of_model = |contact: &ContactConfig| {
+            let frames = if *contact == config.contact {
+                base.thinned(every)
+            } else {
+                base.with_contact_model(contact, arm, config, (touches, every), stop)?
+            };
+            let sharing = search.candidates.iter().filter(|own| own.contact == *contact);
+            sharing.for_each(|_| done());
+            Ok((contact.clone(), frames))
+        };
+        let tracked: Vec<Result<_, LearnError>> = models.into_par_iter().map(of_model).collect();
+        let tracked = tracked.into_iter().collect::<Result<_, _>>()?;
+        let motion = OwnMotion::of(&arm.robot, &base.motions, MOTION_FRAMES);
+        let every = every * base.thinning.every;
         Ok(Self { search, tracked, every, motion })
     }
 

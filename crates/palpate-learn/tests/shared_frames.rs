@@ -5,14 +5,15 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
-use palpate::unstable::{ElasticBody, Segment, SegmentKind};
+use palpate::unstable::{ElasticBody, LoggedTouch, Segment, SegmentKind};
 use palpate::{
     Arm, BakeConfig, EstimatorKind, Field, Lattice, Mapper, MapperConfig, Predictor, Robot, Sample,
 };
 use palpate_learn::evaluate::{EvaluationPlan, FoldPrediction};
 use palpate_learn::folds::{Fold, folds};
 use palpate_learn::method::{self, Method, TorquesByTouch};
-use palpate_learn::tracked::{TouchSamples, TrackedFrame, TrackedTouches};
+use palpate_learn::thinning::largest_changes;
+use palpate_learn::tracked::{TouchSamples, TrackedFrame, TrackedTouches, largest_torques};
 use palpate_learn::tune::{FixedSettings, Search, SearchBudget, Trial, Tuned, Tuner};
 
 const URDF: &str = include_str!("data/tiny.urdf");
@@ -141,6 +142,63 @@ fn shared_frames_teach_what_a_mapper_learns_to_the_bit() {
             assert_eq!((field.lattice, field.contact), (whole.lattice, whole.contact));
         }
     }
+}
+
+/// A touch with ten samples for each of [`touch`], 10 ms apart.
+fn fast_touch(number: usize) -> TouchSamples {
+    let mut fast = touch(number);
+    let pairs: Vec<[Sample; 2]> =
+        fast.samples.windows(2).map(|pair| [pair[0].clone(), pair[1].clone()]).collect();
+    let between = |at: usize| {
+        let ([from, to], part) = (&pairs[at / 10], (at % 10) as f64 / 10.0);
+        let mix = |of: fn(&Sample) -> &Vec<f64>| {
+            of(from).iter().zip(of(to)).map(|(from, to)| from + part * (to - from)).collect()
+        };
+        Sample::new(Some(0.01 * at as f64), mix(|own| &own.q), mix(|own| &own.tau))
+    };
+    fast.samples = (0..10 * pairs.len()).map(between).collect();
+    fast
+}
+
+#[test]
+fn a_mapper_that_passes_over_samples_learns_the_shared_frames_to_the_bit() {
+    let (arm, touches) = (arm(), [fast_touch(0), fast_touch(1)]);
+    let config = config(EstimatorKind::Map);
+    let tracked = tracked(&arm, &config, &touches);
+    let estimator = method::learn(&tracked, &[0, 1], &config, &[], NEVER).unwrap();
+    let mut mapper = Mapper::new(Arc::clone(&arm), config.clone()).unwrap();
+    let (mut learnt, mut passed) = (0, 0);
+    for touch in &touches {
+        mapper.begin_touch();
+        for sample in &touch.samples {
+            match mapper.step_if_learnt(sample).unwrap() {
+                Some(report) => learnt += usize::from(report.external.is_some()),
+                None => passed += 1,
+            }
+        }
+        mapper.end_touch().unwrap();
+    }
+    let frames: usize = tracked.touches.iter().map(|touch| touch.frames.len()).sum();
+    // The sample that ends a tare is simulated even if it is not learnt.
+    assert!((frames..=frames + touches.len()).contains(&learnt), "{learnt} of {frames}");
+    assert!(passed > 3 * learnt, "{passed} of {} samples passed over", learnt + passed);
+    let field = method::field(&tracked, estimator.as_ref(), &config);
+    assert_eq!(by_cell(&field), by_cell(&mapper.field()));
+    assert!(mapper.step_if_learnt(&Sample::new(None, vec![0.0; 2], vec![0.0; 2])).is_err());
+    // A touch is known again, though samples of it are not in the log; another touch is not.
+    let samples = |touch: &TouchSamples, of: fn(&Sample) -> &Vec<f64>| -> Vec<f64> {
+        touch.samples.iter().flat_map(of).copied().collect()
+    };
+    let logged = mapper.snapshot().sample_log;
+    for (number, touch) in touches.iter().enumerate() {
+        let (q, tau) = (samples(touch, |own| &own.q), samples(touch, |own| &own.tau));
+        assert!(logged[number].q.len() < q.len() / 2, "samples that were passed over are stored");
+        let starts = |touch: &LoggedTouch| touch.is_start_of(&q, &tau, 2);
+        assert_eq!([starts(&logged[0]), starts(&logged[1])], [number == 0, number == 1]);
+    }
+    mapper.begin_touch();
+    touches[1].samples.iter().for_each(|own| drop(mapper.step_if_learnt(own).unwrap()));
+    assert_eq!(mapper.repeated_touch(), Some(1));
 }
 
 #[test]
@@ -306,6 +364,72 @@ fn under_another_contact_model_contacts_change_and_torques_do_not() {
             frames.map(|frame| frame.observation.n_contacts()).sum()
         };
         assert_ne!(contacts(&tracked), contacts(&other));
+    }
+}
+
+/// [`touch`], then to and fro until it has so many samples.
+fn long_touch(number: usize, samples: usize) -> TouchSamples {
+    let mut long = touch(number);
+    let swing = long.samples[STILL..].to_vec();
+    let to_and_fro = swing.iter().rev().chain(&swing).cycle().cloned();
+    long.samples.extend(to_and_fro.take(samples - FRAMES));
+    long
+}
+
+#[test]
+fn a_long_log_is_tracked_in_part_and_a_short_one_in_full() {
+    let (arm, config) = (arm(), config(EstimatorKind::Map));
+    let bounded =
+        |touches: &[TouchSamples]| TrackedTouches::bounded(&arm, &config, touches, NEVER).unwrap();
+    let frames = |tracked: &TrackedTouches| -> usize {
+        tracked.touches.iter().map(|touch| touch.frames.len()).sum()
+    };
+    let short: Vec<TouchSamples> = (0..3).map(|number| long_touch(number, 400)).collect();
+    assert!(all_measured(&bounded(&short)) == all_measured(&tracked(&arm, &config, &short)));
+    let mut before = 0;
+    for samples in [3_000, 12_000] {
+        let long: Vec<TouchSamples> = (0..3).map(|number| long_touch(number, samples)).collect();
+        let (some, all) = (bounded(&long), tracked(&arm, &config, &long));
+        let count = frames(&some);
+        assert!(count > 1_000 && count < 7_100 && count < frames(&all), "{count} frames");
+        assert!(count >= before / 2, "{count} frames, {before} of a shorter log");
+        before = count;
+        for (some, all) in all_measured(&some).iter().zip(&all_measured(&all)) {
+            let numbered: BTreeMap<u32, &Measured> = all.iter().map(|of| (of.0, of)).collect();
+            assert!(some.iter().all(|frame| frame.3 == numbered[&frame.0].3), "other torques");
+        }
+        let same = some.again(&arm, &config, &long, NEVER).unwrap();
+        assert!(all_measured(&some) == all_measured(&same), "other frames");
+        let mut contact = config.contact.clone();
+        contact.contact_distance_m *= 1.5;
+        let other = some.with_contact_model(&contact, &arm, &config, (&long, 1), NEVER).unwrap();
+        assert!(all_measured(&some) == all_measured(&other), "other frames");
+    }
+}
+
+#[test]
+fn the_largest_torques_of_touches_are_found_in_short_and_long_logs() {
+    let (arm, config) = (arm(), config(EstimatorKind::Map));
+    for samples in [400, 6_000] {
+        let mut touches: Vec<TouchSamples> =
+            (0..3).map(|number| long_touch(number, samples)).collect();
+        for (touch, factor) in touches.iter_mut().zip([1.0, 4.0, 2.0]) {
+            let torques = touch.samples.iter_mut().flat_map(|sample| &mut sample.tau);
+            torques.for_each(|tau| *tau *= factor);
+        }
+        let frames = tracked(&arm, &config, &touches);
+        let in_contact = |touch: usize| {
+            let frames = frames.touches[touch].frames.iter();
+            let touching = frames.filter(|frame| frame.observation.n_contacts() > 0);
+            touching.map(|frame| frame.observation.tau().norm()).fold(0.0, f64::max)
+        };
+        let wanted = [0, 1, 2].map(in_contact);
+        let samples: Vec<&[Sample]> = touches.iter().map(|touch| &touch.samples[..]).collect();
+        assert_eq!(largest_torques(&arm, &config, &samples, NEVER).unwrap(), wanted);
+        let changes = largest_changes(&arm, &config, &samples).unwrap();
+        for (change, wanted) in changes.iter().zip(wanted) {
+            assert!((change / wanted - 1.0).abs() < 0.1, "{changes:?}, in contact {wanted:?}");
+        }
     }
 }
 

@@ -52,15 +52,17 @@ pub struct ErrorsAndZero {
 }
 
 impl LearningSummary {
-    fn add(&mut self, report: &StepReport) {
+    /// Counts a sample; if it was passed over, `report` is that of the sample before.
+    fn add(&mut self, report: &StepReport, is_new: bool) {
         let touch = self.touches.last_mut().expect("samples come after the start of a touch");
         touch.frames += 1;
         touch.frames_in_contact += u64::from(report.contacts > 0);
         self.touched.add(report.contacts);
         match (&report.predicted, &report.external) {
-            (Some(predicted), Some(external)) => {
+            (Some(predicted), Some(external)) if is_new => {
                 self.predicted.add(predicted.as_slice(), external.as_slice());
             }
+            (Some(_), Some(_)) => {}
             _ => touch.tare_frames += 1,
         }
     }
@@ -97,7 +99,7 @@ impl LearningSummary {
         })
     }
 
-    /// Errors of predicting every frame just before it was learnt from.
+    /// Errors of predicting every learnt frame just before it was learnt from.
     pub fn before_learning(&self) -> ErrorsAndZero {
         let [errors, zero] = [self.predicted.errors(), self.predicted.zero()];
         ErrorsAndZero { errors: errors.into(), zero: zero.into() }
@@ -175,7 +177,7 @@ fn learn_from(
     (after_step, mut record): (AfterStep<'_>, Option<&mut Vec<Vec<Sample>>>),
     (check, progress): (&mut LogCheck, &dyn Progress),
 ) -> Result<LearningSummary, WorkError> {
-    let mut tally = LearningSummary::default();
+    let (mut tally, mut last) = (LearningSummary::default(), None::<StepReport>);
     let bar = progress.begin(touches.samples(), "frames", "learning");
     while let Some(event) = touches.advance()? {
         if progress.stopped() {
@@ -197,11 +199,15 @@ fn learn_from(
             }
             TouchEvent::Sample(sample) => {
                 let started = Instant::now();
-                let step = mapper.step(&sample);
-                check.add(&sample, step.as_ref().map_or(0, |report| report.contacts));
-                let report = step.map_err(|error| touches.fault(error))?;
-                after_step(mapper, &report, started);
-                tally.add(&report);
+                let step = mapper.step_if_learnt(&sample);
+                let found = step.as_ref().map(|own| own.as_ref().or(last.as_ref()));
+                check.add(&sample, found.ok().flatten().map_or(0, |report| report.contacts));
+                let step = step.map_err(|error| touches.fault(error))?;
+                let is_new = step.is_some();
+                last = step.or(last);
+                let report = last.as_ref().expect("the first sample of a touch is not passed over");
+                after_step(mapper, report, started);
+                tally.add(report, is_new);
                 if let Some(touch) = record.as_mut().and_then(|touches| touches.last_mut()) {
                     touch.push(sample);
                 }

@@ -145,6 +145,7 @@ impl TouchResult {
 /// The learnt touches of a field, and the samples of the touch that is predicted, to find out whether it is one of them.
 struct LearntTouches<'a> {
     learnt: &'a [LoggedTouch],
+    n_joints: usize,
     q: Vec<f64>,
     tau: Vec<f64>,
 }
@@ -152,11 +153,12 @@ struct LearntTouches<'a> {
 impl<'a> LearntTouches<'a> {
     fn of(snapshot: Option<&'a Snapshot>) -> Self {
         let learnt = snapshot.map_or(&[][..], |snapshot| &snapshot.sample_log);
-        Self { learnt, q: Vec::new(), tau: Vec::new() }
+        Self { learnt, n_joints: 0, q: Vec::new(), tau: Vec::new() }
     }
 
     fn add(&mut self, sample: &Sample) {
         if !self.learnt.is_empty() {
+            self.n_joints = sample.q.len();
             self.q.extend(&sample.q);
             self.tau.extend(&sample.tau);
         }
@@ -165,7 +167,8 @@ impl<'a> LearntTouches<'a> {
     /// The learnt touch with the samples that were added, by number and name; the next sample starts a touch.
     fn take(&mut self) -> Option<String> {
         let (q, tau) = (std::mem::take(&mut self.q), std::mem::take(&mut self.tau));
-        self.learnt.iter().find(|touch| touch.is_start_of(&q, &tau)).map(forget::name)
+        let n_joints = self.n_joints.max(1);
+        self.learnt.iter().find(|touch| touch.is_start_of(&q, &tau, n_joints)).map(forget::name)
     }
 }
 

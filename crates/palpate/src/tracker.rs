@@ -213,6 +213,26 @@ impl Tracker {
         Ok(TrackedSample { poses, contacts, untared, external, tau_std, is_learnt })
     }
 
+    /// Passes over the next sample of the touch, if it is not to be learnt and the tare is known: the sample is checked,
+    /// and the arm moves straight from the sample before to the one after. Returns whether it was passed over; otherwise
+    /// the sample must be fed.
+    ///
+    /// # Errors
+    ///
+    /// As [`Tracker::check`]; the tracker is then unchanged.
+    pub fn pass_over(&mut self, sample: &Sample) -> Result<bool, TrackerError> {
+        if !self.begun || self.tare().is_none() {
+            return Ok(false);
+        }
+        self.check(sample)?;
+        let mut downsampling = self.downsampling.clone();
+        let is_passed = !downsampling.takes(sample);
+        if is_passed {
+            self.downsampling = downsampling;
+        }
+        Ok(is_passed)
+    }
+
     /// The poses of the links in a sample, and its torque with the sign of τ_ext, minus gravity, n_joints, N·m; does
     /// not change the tracker.
     ///

@@ -259,7 +259,7 @@ impl EvaluationJob<'_> {
         tuner: &mut Option<Tuner>,
         (name, train): (&str, &[usize]),
         tracked: &TrackedTouches,
-        (method, done): (Method, &dyn Fn()),
+        (method, done): (Method, &(dyn Fn() + Sync)),
         (keep, progress): (&dyn ResultStore, &dyn Progress),
     ) -> Result<Tuned, WorkError> {
         if let Some(tuned) = keep.tuned(name) {

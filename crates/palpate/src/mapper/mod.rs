@@ -304,6 +304,20 @@ impl Mapper {
         Ok(StepReport { contacts, external, predicted: Some(predicted), peak_half_width })
     }
 
+    /// [`Mapper::step`] without the prediction of samples that are not learnt: these are checked, but not simulated, and
+    /// `None` is returned. For logs at a high rate, where most samples are not learnt, this is much faster. The arm then
+    /// moves straight from one learnt sample to the next.
+    ///
+    /// # Errors
+    ///
+    /// As [`Mapper::step`].
+    pub fn step_if_learnt(&mut self, sample: &Sample) -> Result<Option<StepReport>, MapperError> {
+        match self.tracker.pass_over(sample)? {
+            true => Ok(None),
+            false => self.step(sample).map(Some),
+        }
+    }
+
     /// Predicts the torque of a frame and, if the frame is to be learnt, corrects the belief by the measured torque.
     /// Returns the prediction, and the half-width of its band if bands are reported, n_joints, N·m.
     fn predict_and_correct(
@@ -383,7 +397,7 @@ impl Mapper {
     /// Number of an earlier touch in memory whose samples are equal to the bit to the first samples, or all, of the
     /// touch under way: the same recording, which then counts twice.
     pub fn repeated_touch(&self) -> Option<u32> {
-        self.log.repeated().map(|touch| touch.touch)
+        self.log.repeated(self.tracker.arm().robot.n_joints()).map(|touch| touch.touch)
     }
 
     /// Ends a touch.

@@ -56,10 +56,14 @@ impl LoggedTouch {
         })
     }
 
-    /// Whether its samples are the first ones, or all, of these: joint positions, rad or m, and logged torques, N·m or N,
-    /// samples × n_joints each. A touch without samples is no start.
-    pub fn is_start_of(&self, q: &[f64], tau: &[f64]) -> bool {
-        !self.q.is_empty() && q.starts_with(&self.q) && tau.starts_with(&self.tau)
+    /// Whether its samples are the first ones, or all, of these, except that samples may be missing which were passed
+    /// over: joint positions, rad or m, and logged torques, N·m or N, samples × `n_joints` each. A touch without samples
+    /// is no start.
+    pub fn is_start_of(&self, q: &[f64], tau: &[f64], n_joints: usize) -> bool {
+        let mut rows = q.chunks(n_joints).zip(tau.chunks(n_joints));
+        let mut own = self.q.chunks(n_joints).zip(self.tau.chunks(n_joints));
+        let starts = own.next().is_some_and(|first| rows.next() == Some(first));
+        starts && own.all(|own| rows.any(|row| row == own))
     }
 }
 
@@ -176,10 +180,10 @@ impl SampleLog {
         FrameId { touch: touch.touch, sample: self.samples - 1 }
     }
 
-    /// An earlier touch whose samples are the first samples, or all, of the last touch.
-    pub(super) fn repeated(&self) -> Option<&LoggedTouch> {
+    /// An earlier touch whose samples are the first samples, or all, of the last touch, of `n_joints` joints.
+    pub(super) fn repeated(&self, n_joints: usize) -> Option<&LoggedTouch> {
         let (last, earlier) = self.touches.split_last()?;
-        earlier.iter().find(|touch| touch.is_start_of(&last.q, &last.tau))
+        earlier.iter().find(|touch| touch.is_start_of(&last.q, &last.tau, n_joints))
     }
 
     /// Drops the oldest touches until the log fits into `limit` bytes; returns those that were dropped.

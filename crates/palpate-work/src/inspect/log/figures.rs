@@ -1,11 +1,10 @@
 //! The figures of one touch: its start, tare, noise, push, contacts and end.
 
-use std::collections::HashSet;
 use std::sync::Arc;
 
 use nalgebra::DVector;
-use palpate::unstable::{TrackedSample, Tracker, is_contact_free};
-use palpate::{Arm, CellId, ExternalTorqueConfig, MIN_TARE_FRAMES, Robot, Sample, Tare};
+use palpate::unstable::{CellRows, LinkContacts, TrackedSample, Tracker, is_contact_free};
+use palpate::{Arm, CellId, ExternalTorqueConfig, Lattice, MIN_TARE_FRAMES, Robot, Sample, Tare};
 use palpate_learn::evaluation::MeanStd;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -66,6 +65,7 @@ pub struct TouchFacts {
 /// Computes the figures of touches.
 pub(super) struct Figures {
     tracker: Tracker,
+    lattice: Lattice,
     /// The torque convention under which the log is read.
     read: ExternalTorqueConfig,
     tare: Tare,
@@ -76,7 +76,7 @@ pub(super) struct Figures {
 /// something; the frames between have the same contacts. The second constant is the largest motion of a joint between
 /// two of them, rad or m.
 const MAX_FRAMES: f64 = 5_000.0;
-const LONGEST_STEP: f64 = 0.005;
+const LONGEST_STEP: f64 = 0.02;
 
 /// Motion of a joint, rad or m, after which contacts are simulated again, so that this happens in [`MAX_FRAMES`]
 /// frames or more; 0 for logs with fewer frames.
@@ -98,7 +98,7 @@ struct TouchTrack {
     raw: Vec<Vec<f64>>,
     touched: ContactCounts,
     /// Cells touched after the tare.
-    cells: HashSet<CellId>,
+    cells: Vec<CellId>,
 }
 
 impl Figures {
@@ -115,7 +115,7 @@ impl Figures {
         let read = set.clone();
         let tracker = Tracker::new(Arc::clone(arm), lattice.clone(), contact, set)
             .map_err(SettingsError::value)?;
-        Ok(Self { tracker, read, tare, still_rad })
+        Ok(Self { tracker, lattice: lattice.clone(), read, tare, still_rad })
     }
 
     /// The figures of touches with the robot's joints, the counts of touched points over all of them, and the number of
@@ -145,12 +145,18 @@ impl Figures {
         };
         let found = touches.par_iter().enumerate().map(follow);
         let found = found.collect::<Result<Vec<_>, WorkError>>()?;
-        let (mut touched, mut cells) = (ContactCounts::default(), HashSet::<CellId>::new());
+        let (mut touched, mut cells) = (ContactCounts::default(), self.no_cells());
         for (_, track) in &found {
             touched.join(&track.touched);
-            cells.extend(&track.cells);
+            for &cell in &track.cells {
+                cells.row_of(cell);
+            }
         }
         Ok((found.into_iter().map(|(facts, _)| facts).collect(), touched, cells.len()))
+    }
+
+    fn no_cells(&self) -> CellRows {
+        CellRows::new(self.lattice.clone())
     }
 
     /// Tracks a touch as the mapper does; contacts are simulated again once a joint has moved by `step`, rad or m.
@@ -164,7 +170,7 @@ impl Figures {
         tracker.begin_touch();
         let (robot, start) = (&self.tracker.arm().robot, &touch.samples[0].q);
         let mut last: Option<(Vec<f64>, usize)> = None;
-        // Points touched, their cells if they were looked for, and the torque before the tare.
+        // Number of points touched, the points if they were looked for, and the torque before the tare.
         let mut feed = |frame: usize, sample: &Sample| {
             let near = last.as_ref().filter(|(q, _)| farthest(q, &sample.q) < step);
             // Where nothing was touched, the next frame may be the first that touches something.
@@ -174,15 +180,15 @@ impl Figures {
             }
             let TrackedSample { contacts, untared, .. } = tracker.feed(sample).ok()?;
             last = Some((sample.q.clone(), contacts.len()));
-            let cells = contacts.links.iter().flat_map(|link| &link.cells).copied();
-            Some((contacts.len(), cells.collect(), untared))
+            Some((contacts.len(), contacts.links, untared))
         };
         let (mut track, mut started) = (TouchTrack::default(), false);
+        let mut touched = self.no_cells();
         for (frame, sample) in touch.samples.iter().enumerate() {
             if progress.stopped() {
                 return Err(WorkError::Interrupted { kept: String::new() });
             }
-            let Some((contacts, cells, untared)) = feed(frame, sample) else {
+            let Some((contacts, links, untared)) = feed(frame, sample) else {
                 // The mapper would refuse it.
                 started = true;
                 track.raw.push(sample.tau.clone());
@@ -200,12 +206,15 @@ impl Figures {
                 Tare::Frames(frames) => frame >= frames as usize,
             };
             if learnt {
-                track.cells.extend::<Vec<CellId>>(cells);
+                for &cell in links.iter().flat_map(|link: &LinkContacts| &link.cells) {
+                    touched.row_of(cell);
+                }
             }
             if let Some(bar) = bar {
                 bar.step();
             }
         }
+        track.cells = touched.cells().to_vec();
         Ok(track)
     }
 
