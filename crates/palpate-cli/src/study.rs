@@ -2,15 +2,20 @@
 
 use std::path::PathBuf;
 
-use palpate::MapperConfig;
-use palpate_learn::study::{ObjectScores, TouchScore, chosen_on_others, mean};
+use palpate::{EstimatorKind, MapperConfig};
+use palpate_learn::study::{
+    NEAR_DEGREES, ObjectScores, StudyPlan, TouchScore, chosen_on_others, mean,
+};
+use palpate_learn::tune::FixedSettings;
 use palpate_work::evaluate::{make_unique, touch_samples};
 use palpate_work::study::{StudiedObject, at_least_two};
+use palpate_work::tune::{Tune, given};
 use serde_json::json;
 
+use crate::args::quick_or_off;
 use crate::error::CliError;
 use crate::output::{Output, figure, table};
-use crate::settings::AllSettings;
+use crate::settings::{AllSettings, Settings};
 use crate::{file_paths, interrupt, logs};
 
 const NOTES: &str = "Examples:
@@ -25,9 +30,11 @@ has 1.00), then:
 
   best of each          the best settings of each object, which are not known beforehand
   chosen on the others  the settings that are best on average over all other objects
+  chosen by map         settings that `palpate map` chooses, for each touch on the other touches of its object
 
-The difference between the two rows is what an object loses by settings that were chosen on other \
-objects, such as the defaults.";
+The difference between the first two rows is what an object loses by settings that were chosen on \
+other objects, such as the defaults. The second table divides the frames, under the settings that \
+`map` chooses, or else under the given ones.";
 
 /// Flags of `palpate study`.
 #[derive(Debug, clap::Args)]
@@ -60,6 +67,13 @@ pub(crate) struct Args {
     /// Also predict from 1, 2, 4 and more touches, under the given settings
     #[arg(long)]
     curve: bool,
+    /// Whether `map` also chooses settings, with which each touch is predicted: `quick` or `off` [default: quick; off with
+    /// --estimator ekf]
+    #[arg(
+        long, value_name = "HOW", num_args = 0..=1, default_missing_value = "quick",
+        require_equals = true, value_parser = quick_or_off
+    )]
+    tune: Option<Tune>,
     /// Score against the true torques in truth/ beside the touches, which simulated logs have, instead of the measured
     /// ones
     #[arg(long)]
@@ -82,6 +96,8 @@ struct Studied {
 pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let settings = args.settings.load_without_body()?;
     args.grid(&settings.config()?)?;
+    let choose = args.choose(&settings)?;
+    let plan = StudyPlan { every: args.every as usize, curve: args.curve, choose };
     args.check_objects()?;
     interrupt::listen();
     let mut names = Vec::new();
@@ -105,7 +121,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     for (name, arm, recorded, touches, configs) in read {
         let (recorded, touches) = (&recorded[..], &touches[..]);
         let of = StudiedObject { name: &name, arm: &arm, recorded, touches };
-        let scores = of.study(&configs, (args.every as usize, args.curve), output)?;
+        let scores = of.study(&configs, plan, output)?;
         studied.push(Studied { name, configs, scores });
     }
     let relative: Vec<_> = studied.iter().map(|object| object.scores.relative()).collect();
@@ -119,6 +135,10 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
             "avg_relative": relative,
             "chosen_on_others": chosen,
             "touches": object.scores.settings,
+            "chosen_by_map": {
+                "avg_relative": mean(&object.scores.chosen, |score| score.relative),
+                "touches": object.scores.chosen,
+            },
             "by_touches_learnt": object.scores.by_touches_learnt,
         })
     });
@@ -158,6 +178,19 @@ impl Args {
             }
         }
         Ok(each_once)
+    }
+
+    /// Which settings `map` does not choose; `None` if it chooses none.
+    fn choose(&self, settings: &Settings) -> Result<Option<FixedSettings>, CliError> {
+        let is_map = settings.config()?.method == EstimatorKind::Map;
+        if self.tune == Some(Tune::Quick) && !is_map {
+            return Err(CliError::Usage(
+                "settings are chosen for the estimator `map`, not for `ekf`; leave out --tune"
+                    .to_owned(),
+            ));
+        }
+        let chooses = self.tune.map_or(is_map, |tune| tune == Tune::Quick);
+        Ok(chooses.then(|| given(settings)))
     }
 
     /// Refuses an object that is given twice: it would choose its own settings.
@@ -219,11 +252,22 @@ fn text(studied: &[Studied], relative: &[Vec<Option<f64>>], chosen: &[Option<usi
         let on_others = relative.iter().zip(chosen).map(on_others).collect();
         rows.push(row("chosen on the others".to_owned(), on_others));
     }
+    let has_chosen = studied.iter().any(|object| !object.scores.chosen.is_empty());
+    if has_chosen {
+        let of = |object: &Studied| mean(&object.scores.chosen, |score| score.relative);
+        rows.push(row("chosen by map".to_owned(), studied.iter().map(of).collect()));
+    }
     let mut text =
         "Mean relative error of touches that were not learnt; predicting zero: 1.00\n\n".to_owned();
     text += &table(&head, rows);
-    text += "\nUnder the given settings, by frames. Loading: the torque grows; met: other touches touched at \
-             least half\nof the points in contact\n\n";
+    let under = match has_chosen {
+        true => "settings that map chooses (with fewer than four touches, the given ones)",
+        false => "given settings",
+    };
+    text += &format!(
+        "\nBy frames, under the {under}.\nLoading: the torque grows; met: other touches touched at least half of the \
+         points in contact; same way: other touches pushed these points within {NEAR_DEGREES}° of the same direction\n\n"
+    );
     text += &parts(studied);
     let longest = studied.iter().map(|object| object.scores.by_touches_learnt.len()).max();
     if longest.is_some_and(|longest| longest > 0) {
@@ -250,11 +294,30 @@ fn label(config: &MapperConfig) -> String {
 
 /// Errors by parts of the frames, and the worst touch.
 fn parts(studied: &[Studied]) -> String {
-    let head = ["object", "all", "loading", "unloading", "met", "unmet", "worst touch", ""];
+    let head = [
+        "object",
+        "all",
+        "loading",
+        "unloading",
+        "met",
+        "unmet",
+        "same way",
+        "other way",
+        "worst touch",
+        "",
+    ];
     let rows = studied.iter().map(|object| {
-        let touches = &object.scores.settings[0];
-        let of: [fn(&TouchScore) -> Option<f64>; 5] =
-            [|s| s.relative, |s| s.loading, |s| s.unloading, |s| s.met, |s| s.unmet];
+        let ObjectScores { settings, chosen, .. } = &object.scores;
+        let touches = if chosen.is_empty() { &settings[0] } else { chosen };
+        let of: [fn(&TouchScore) -> Option<f64>; 7] = [
+            |s| s.relative,
+            |s| s.loading,
+            |s| s.unloading,
+            |s| s.met,
+            |s| s.unmet,
+            |s| s.same_direction,
+            |s| s.other_direction,
+        ];
         let figures = of.map(|of| figure(mean(touches, of), 3));
         let with_error = touches.iter().filter_map(|touch| Some((touch.relative?, touch)));
         let worst = with_error.max_by(|a, b| a.0.total_cmp(&b.0));

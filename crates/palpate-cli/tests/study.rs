@@ -64,6 +64,34 @@ fn the_table_has_a_row_for_what_was_chosen_on_the_others() {
 }
 
 #[test]
+fn settings_that_map_chooses_are_studied_as_evaluated() {
+    let scene = Scene::new();
+    for (number, turn) in [-0.2, -0.1, 0.0, 0.1].into_iter().enumerate() {
+        scene.touch(&format!("four/seq_{number}"), 60, turn);
+    }
+    let mut evaluate = scene.command("evaluate", &["four"]);
+    evaluate.args(["--spacing-m", "0.03", "--methods", "map", "--json", "-o"]);
+    let evaluation = json(evaluate.arg(scene.path("out/evaluation")));
+    let relative = &evaluation["methods"][0]["avg_relative"]["mean"];
+    let found = json(&mut study(&scene, &["four"], &["--json"]));
+    let object = &found["objects"][0];
+    assert_eq!(&object["chosen_by_map"]["avg_relative"], relative);
+    assert_ne!(object["avg_relative"][0], *relative, "the given settings were chosen");
+    // Every touch pushes the same object the same way.
+    let touch = &object["chosen_by_map"]["touches"][1];
+    assert!(touch["same_direction"].is_f64() && touch["other_direction"].is_null(), "{touch}");
+    let text = succeed(&mut study(&scene, &["four"], &[]));
+    let parts = ["chosen by map", "By frames, under the settings that map chooses", "same way"];
+    assert!(parts.iter().all(|part| text.contains(part)), "{text}");
+    let text = succeed(&mut study(&scene, &["four"], &["--tune=off"]));
+    assert!(!text.contains("chosen by map"), "{text}");
+    let text = succeed(&mut study(&scene, &["four"], &["--estimator", "ekf"]));
+    assert!(!text.contains("chosen by map"), "{text}");
+    let both = ["--tune", "--estimator", "ekf"];
+    refuse(&mut study(&scene, &["four"], &both), 2, &["for the estimator `map`", "--tune"]);
+}
+
+#[test]
 fn what_cannot_be_studied_is_refused() {
     let scene = two_objects();
     scene.touch("single/seq_0", 40, 0.0);

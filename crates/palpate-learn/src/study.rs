@@ -1,24 +1,42 @@
 //! Comparison of settings over several objects: which settings also hold for objects on which they were not chosen.
 //!
-//! Each touch of an object is predicted from its others under each of the settings. Contacts are simulated
-//! once for all settings that share a contact model. If every n-th frame is kept, the torque noise is divided
-//! by √n, so that evidence and prior keep their balance.
+//! Each touch of an object is predicted from its others under each of the settings, and under those that `map` chooses on
+//! its others. Contacts are simulated once for all settings that share a contact model. If every n-th frame is kept, the
+//! torque noise is divided by √n, so that evidence and prior keep their balance.
 
 use std::sync::Arc;
 
+use nalgebra::Vector3;
 use palpate::{Arm, MapperConfig};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::choose::MIN_TUNING_TOUCHES;
 use crate::error::{LearnError, Stop};
 use crate::evaluation::MeanStd;
 use crate::folds::{Fold, folds};
 use crate::method::Method;
 use crate::torque_errors::ErrorSum;
 use crate::tracked::{TouchSamples, TrackedFrame, TrackedTouches};
+use crate::tune::{FixedSettings, Search, Tuner};
 
 /// A frame counts as loading if its torque is larger than that many frames before (frames before thinning).
 const BEFORE: usize = 5;
+
+/// A push is in a known direction if it is within this angle of those that were learnt, degrees.
+pub const NEAR_DEGREES: f64 = 30.0;
+
+/// What is studied.
+#[derive(Debug, Clone, Copy)]
+pub struct StudyPlan {
+    /// Every n-th frame is used; this is n.
+    pub every: usize,
+    /// Whether each touch is also predicted from the 1, 2, 4, … touches after it, under the first settings.
+    pub curve: bool,
+    /// Whether each touch is also predicted under settings chosen on the others ([`Search::quick`]), starting from the
+    /// first settings; these are not changed.
+    pub choose: Option<FixedSettings>,
+}
 
 /// Errors of a held-out touch.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -35,6 +53,11 @@ pub struct TouchScore {
     pub met: Option<f64>,
     /// Average relative error over the other frames in contact.
     pub unmet: Option<f64>,
+    /// Average relative error over frames that push the same cells as learnt touches, within [`NEAR_DEGREES`] of the
+    /// direction of these.
+    pub same_direction: Option<f64>,
+    /// Average relative error over frames that push these cells in other directions.
+    pub other_direction: Option<f64>,
     /// Root mean square of the error by joint, N·m.
     pub joint_error_n_m: Vec<f64>,
     /// Root mean square of the torque by joint, N·m: the error of predicting zero.
@@ -46,6 +69,9 @@ pub struct TouchScore {
 pub struct ObjectScores {
     /// By setting, by touch.
     pub settings: Vec<Vec<TouchScore>>,
+    /// Under the settings that were chosen on the other touches, by touch; empty with fewer than four touches, or if none
+    /// were to be chosen.
+    pub chosen: Vec<TouchScore>,
     /// Learning curve under the first settings: number of learnt touches (1, 2, 4 and so on), and mean relative error.
     pub by_touches_learnt: Vec<(usize, f64)>,
 }
@@ -62,10 +88,8 @@ pub fn mean(touches: &[TouchScore], of: impl Fn(&TouchScore) -> Option<f64>) -> 
     MeanStd::of(touches.iter().filter_map(of)).map(|figure| figure.mean)
 }
 
-/// Predicts each touch of an object from its others, under each of `settings`.
-///
-/// Every `every`-th frame is used. For a learning curve (`curve`), each touch is also predicted from the 1, 2, 4, …
-/// touches after it, under the first settings. `done` is called once for each contact model.
+/// Predicts each touch of an object from its others, under each of `settings`. `done` is called for each candidate of a
+/// choice and for each predicted touch, from any thread, for a progress bar.
 ///
 /// # Errors
 ///
@@ -77,39 +101,56 @@ pub fn mean(touches: &[TouchScore], of: impl Fn(&TouchScore) -> Option<f64>) -> 
 pub fn study(
     (arm, touches): (&Arc<Arm>, &[TouchSamples]),
     settings: &[MapperConfig],
-    (every, curve): (usize, bool),
-    (stop, done): (Stop<'_>, &dyn Fn()),
+    plan: StudyPlan,
+    (stop, done): (Stop<'_>, &(dyn Fn() + Sync)),
 ) -> Result<ObjectScores, LearnError> {
     assert!(!touches.is_empty(), "there are touches");
+    let every = plan.every;
     let given = &settings[0];
     let base = TrackedTouches::new(arm, given, touches, stop)?;
     let one_by_one = folds(touches.len(), touches.len());
-    let mut scores: Vec<Vec<TouchScore>> = vec![Vec::new(); settings.len()];
+    let each = settings.iter().flat_map(|config| one_by_one.iter().map(move |fold| (config, fold)));
+    let chosen = chosen((arm, touches, &base), (given, plan.choose), &one_by_one, (stop, done))?;
+    let parts: Vec<(&MapperConfig, &Fold)> = each.chain(chosen.iter().zip(&one_by_one)).collect();
+    let mut scores: Vec<Option<TouchScore>> = vec![None; parts.len()];
     let mut by_touches_learnt = Vec::new();
-    while let Some(first) = scores.iter().position(Vec::is_empty) {
-        let contact = &settings[first].contact;
-        let tracked = match first {
-            0 => base.thinned(every),
-            _ => base.with_contact_model(contact, arm, given, (touches, every), stop)?,
+    while let Some(first) = scores.iter().position(Option::is_none) {
+        let contact = &parts[first].0.contact;
+        let tracked = match *contact == given.contact {
+            true => base.thinned(every),
+            false => base.with_contact_model(contact, arm, given, (touches, every), stop)?,
         };
-        let alike: Vec<usize> =
-            (0..settings.len()).filter(|&number| settings[number].contact == *contact).collect();
-        let parts =
-            alike.iter().flat_map(|&number| one_by_one.iter().map(move |fold| (number, fold)));
-        let parts: Vec<(usize, &Fold)> = parts.collect();
-        let scored: Result<Vec<TouchScore>, LearnError> = parts
-            .par_iter()
-            .map(|(number, fold)| score(&tracked, fold, (&settings[*number], every), stop))
-            .collect();
-        for ((number, _), score) in parts.iter().zip(scored?) {
-            scores[*number].push(score);
-        }
-        if first == 0 && curve {
+        let alike = scores.par_iter_mut().zip(&parts);
+        alike.filter(|(_, (config, _))| config.contact == *contact).try_for_each(
+            |(own, (config, fold))| {
+                *own = Some(score(&tracked, fold, (config, every), stop)?);
+                done();
+                Ok::<_, LearnError>(())
+            },
+        )?;
+        if first == 0 && plan.curve {
             by_touches_learnt = learning_curve(&tracked, (given, every), stop)?;
         }
-        done();
     }
-    Ok(ObjectScores { settings: scores, by_touches_learnt })
+    let scores: Vec<TouchScore> = scores.into_iter().flatten().collect();
+    let (of_settings, chosen) = scores.split_at(settings.len() * touches.len());
+    let settings = of_settings.chunks(touches.len()).map(<[TouchScore]>::to_vec).collect();
+    Ok(ObjectScores { settings, chosen: chosen.to_vec(), by_touches_learnt })
+}
+
+/// By fold, the settings that are chosen on its training touches; none if there are too few of these.
+fn chosen(
+    (arm, touches, base): (&Arc<Arm>, &[TouchSamples], &TrackedTouches),
+    (given, choose): (&MapperConfig, Option<FixedSettings>),
+    folds: &[Fold],
+    (stop, done): (Stop<'_>, &(dyn Fn() + Sync)),
+) -> Result<Vec<MapperConfig>, LearnError> {
+    let Some(fixed) = choose.filter(|_| touches.len() > MIN_TUNING_TOUCHES) else {
+        return Ok(Vec::new());
+    };
+    let search = Search::quick(given, fixed);
+    let tuner = Tuner::new((arm, touches, base), given, search, stop, done)?;
+    folds.iter().map(|fold| Ok(tuner.tune(&fold.train, stop)?.config)).collect()
 }
 
 /// Settings for thinned frames, with torque noise divided by √`every`: every `every`-th frame then has as much weight
@@ -172,6 +213,12 @@ fn score(
     let loading = loading(&targets().collect::<Vec<_>>(), BEFORE.div_ceil(every));
     let is_met = |frame: &TrackedFrame| mostly_met(frame.observation.rows(), &met);
     let is_met: Vec<Option<bool>> = touch.frames.iter().map(is_met).collect();
+    let pushed = pushed(tracked, &fold.train);
+    let is_near = |frame: &TrackedFrame| {
+        let learnt: Vector3<f64> = frame.observation.rows().map(|row| pushed[row]).sum();
+        is_near(&*frame.push?, &learnt)
+    };
+    let is_near: Vec<Option<bool>> = touch.frames.iter().map(is_near).collect();
     let relative = |wanted: &dyn Fn(usize) -> bool| {
         let mut sum = ErrorSum::default();
         for (at, (predicted, target)) in predicted.iter().zip(targets()).enumerate() {
@@ -197,6 +244,8 @@ fn score(
         unloading: relative(&|at| !loading[at]),
         met: relative(&|at| is_met[at] == Some(true)),
         unmet: relative(&|at| is_met[at] == Some(false)),
+        same_direction: relative(&|at| is_near[at] == Some(true)),
+        other_direction: relative(&|at| is_near[at] == Some(false)),
         joint_error_n_m: by_joint(&|predicted, target| predicted - target),
         joint_torque_n_m: by_joint(&|_, target| target),
     })
@@ -206,6 +255,22 @@ fn score(
 fn loading(torques: &[&Vec<f64>], before: usize) -> Vec<bool> {
     let size = |at: usize| torques[at].iter().map(|t| t * t).sum::<f64>();
     (0..torques.len()).map(|at| size(at) > size(at.saturating_sub(before))).collect()
+}
+
+/// By row, the sum of the directions in which these touches pushed the cell.
+fn pushed(tracked: &TrackedTouches, touches: &[usize]) -> Vec<Vector3<f64>> {
+    let mut pushed = vec![Vector3::zeros(); tracked.cells.len()];
+    for frame in touches.iter().flat_map(|&touch| &tracked.touches[touch].frames) {
+        if let Some(push) = &frame.push {
+            frame.observation.rows().for_each(|row| pushed[row] += **push);
+        }
+    }
+    pushed
+}
+
+/// Whether a push is within [`NEAR_DEGREES`] of `learnt`; `None` if nothing was learnt.
+fn is_near(push: &Vector3<f64>, learnt: &Vector3<f64>) -> Option<bool> {
+    (learnt.norm() > 0.0).then(|| push.angle(learnt) <= NEAR_DEGREES.to_radians())
 }
 
 /// Whether at least half of `rows` were met; `None` without rows.
@@ -228,6 +293,16 @@ mod tests {
         assert_eq!(mostly_met([0, 1].into_iter(), &met), Some(true));
         assert_eq!(mostly_met([0, 1, 2].into_iter(), &met), Some(false));
         assert_eq!(mostly_met([].into_iter(), &met), None);
+    }
+
+    #[test]
+    fn a_push_is_near_those_of_which_most_go_its_way() {
+        let degrees =
+            |angle: f64| Vector3::new(angle.to_radians().cos(), angle.to_radians().sin(), 0.0);
+        assert_eq!(is_near(&degrees(0.0), &(degrees(50.0) + degrees(-10.0))), Some(true));
+        assert_eq!(is_near(&degrees(0.0), &(degrees(50.0) + degrees(20.0))), Some(false));
+        assert_eq!(is_near(&degrees(0.0), &(degrees(90.0) * 3.0)), Some(false));
+        assert_eq!(is_near(&degrees(0.0), &Vector3::zeros()), None);
     }
 
     #[test]

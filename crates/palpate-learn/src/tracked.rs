@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Unit, Vector3};
 use palpate::unstable::{
     CellRows, CellState, Downsampling, ElasticBody, Observation, ObservationBuilder, StiffnessRule,
     TrackedSample, Tracker, torque_weights,
@@ -119,6 +119,8 @@ pub struct TrackedFrame {
     tau_std: Option<Vec<f64>>,
     /// The external torque to predict, n_joints, N·m: the true one if known, otherwise the measured one.
     pub target: Vec<f64>,
+    /// Direction in which the arm pushes, world frame: that of the sum of the displacements, if there are any.
+    pub(crate) push: Option<Unit<Vector3<f64>>>,
 }
 
 impl TrackedTouches {
@@ -448,6 +450,8 @@ impl SimulatedFrame {
         let Sample { time_s, ref q, .. } = touch.samples[self.sample];
         let TrackedSample { poses, contacts, .. } = &self.tracked;
         let truth = touch.truth.as_ref().map(|truth| truth[self.sample].clone());
+        let displacements = contacts.links.iter().flat_map(|link| &link.displacements_m);
+        let push = displacements.map(|u| Vector3::from(*u).cast::<f64>()).sum();
         TrackedFrame {
             sample: self.sample as u32,
             time_s,
@@ -456,6 +460,7 @@ impl SimulatedFrame {
             observation: observations.build(&arm.robot, poses, contacts, &self.external),
             tau_std: self.tracked.tau_std.clone(),
             target: truth.unwrap_or_else(|| self.external.as_slice().to_vec()),
+            push: Unit::try_new(push, 0.0),
         }
     }
 }

@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use palpate::{Arm, MapperConfig};
-use palpate_learn::study::{self, ObjectScores};
+use palpate_learn::study::{self, ObjectScores, StudyPlan};
 use palpate_learn::tracked::TouchSamples;
+use palpate_learn::tune::Search;
 
 use crate::error::WorkError;
 use crate::evaluate::fault;
@@ -26,8 +27,7 @@ pub struct StudiedObject<'a> {
 }
 
 impl StudiedObject<'_> {
-    /// Predicts each touch from the others under each of `settings`; `of` is `(every, curve)` of
-    /// [`study::study`].
+    /// Predicts each touch from the others under each of `settings`, as [`study::study`].
     ///
     /// # Errors
     ///
@@ -39,23 +39,16 @@ impl StudiedObject<'_> {
     pub fn study(
         &self,
         settings: &[MapperConfig],
-        of: (usize, bool),
+        plan: StudyPlan,
         progress: &dyn Progress,
     ) -> Result<ObjectScores, WorkError> {
-        let mut models: Vec<_> = Vec::new();
-        for config in settings {
-            if !models.contains(&&config.contact) {
-                models.push(&config.contact);
-            }
-        }
-        let bar = progress.begin(Some(models.len() as u64), "contact models", self.name);
-        study::study(
-            (self.arm, self.touches),
-            settings,
-            of,
-            (&|| progress.stopped(), &|| bar.step()),
-        )
-        .map_err(|error| fault(self.recorded, error, "; nothing was written".to_owned()))
+        let candidates = plan.choose.map(|given| Search::quick(&settings[0], given).candidates());
+        let rows = settings.len() + usize::from(candidates.is_some());
+        let steps = (rows * self.touches.len() + candidates.unwrap_or(0)) as u64;
+        let bar = progress.begin(Some(steps), "parts", self.name);
+        let touches = (self.arm, self.touches);
+        study::study(touches, settings, plan, (&|| progress.stopped(), &|| bar.step()))
+            .map_err(|error| fault(self.recorded, error, "; nothing was written".to_owned()))
     }
 }
 
