@@ -6,6 +6,7 @@ mod common;
 use std::path::Path;
 use std::sync::Arc;
 
+use palpate::unstable::LogPosition;
 use palpate::{
     Arm, BakeConfig, BandQuantiles, Calibration, CellId, EstimatorKind, Lattice, LearntTorques,
     Mapper, MapperConfig, Predictor, Robot, Sample,
@@ -358,6 +359,8 @@ fn a_sample_log_that_outgrows_its_bound_condenses_old_touches_and_can_still_be_c
     go_on(&mut mapper, &touches[0]);
     let snapshot = mapper.snapshot();
     assert!(snapshot.sample_log.is_empty() && snapshot.state.remembered.is_empty());
+    let error = mapper.log_from(LogPosition::default()).unwrap_err().to_string();
+    assert!(error.contains("learnt touches (1) are no longer in memory"), "{error}");
     assert_eq!(mapper.field(), Mapper::resume(arm, snapshot).unwrap().field());
 }
 

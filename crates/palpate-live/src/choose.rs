@@ -116,9 +116,10 @@ impl<'a> Chooser<'a> {
         while is_complete {
             mapper = mapper.with_replays(ReplayPolicy::SpareTime); // its due replays are made
             let successor = Box::new(mapper);
-            match self.ask(|to_me| Request::GoOnWith(successor, to_me))?? {
+            let answer = self.ask(|to_me| Request::GoOnWith(successor, to_me))?;
+            match answer.map_err(|(error, _)| error)? {
                 Succession::Done(before) => {
-                    drop(before); // here, because it takes time
+                    drop(before); // here, because it takes time; so is a refused successor
                     return Ok(());
                 }
                 Succession::Behind(behind, log) => {
@@ -157,7 +158,7 @@ impl From<LearnError> for Failure {
 impl From<MapperError> for Failure {
     fn from(error: MapperError) -> Self {
         match error {
-            MapperError::Gone { .. } => Self::Forgotten(error),
+            MapperError::NotLogged { .. } => Self::Forgotten(error),
             error => Self::Touches(error.to_string()),
         }
     }

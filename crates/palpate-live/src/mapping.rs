@@ -156,7 +156,7 @@ impl<'a> Mapping<'a> {
                     let _ = to_asker.send(self.session.mapper().log_from(from));
                 }
                 Request::GoOnWith(mapper, to_asker) => {
-                    let _ = to_asker.send(self.session.go_on_with(*mapper));
+                    let _ = to_asker.send(self.session.go_on_with(mapper));
                 }
             }
         }

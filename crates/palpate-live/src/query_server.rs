@@ -73,7 +73,7 @@ pub(crate) enum Request {
     /// The samples of touches from a position on.
     Log(LogPosition, Sender<Result<TouchLog, MapperError>>),
     /// Go on with another mapper.
-    GoOnWith(Box<Mapper>, Sender<Result<Succession, MapperError>>),
+    GoOnWith(Box<Mapper>, Sender<Result<Succession, (MapperError, Box<Mapper>)>>),
 }
 
 /// Largest distance of a path beyond a joint limit, rad or m: real arms exceed the limits slightly.

@@ -425,15 +425,24 @@ impl Session {
     ///
     /// # Errors
     ///
-    /// If touches are no longer in memory, or the other mapper cannot use a sample.
-    pub fn go_on_with(&mut self, mut other: Mapper) -> Result<Succession, MapperError> {
-        let log = self.mapper.log_from(other.position())?;
+    /// If touches are no longer in memory, or the other mapper cannot use a sample; the other mapper is returned.
+    pub fn go_on_with(
+        &mut self,
+        mut other: Box<Mapper>,
+    ) -> Result<Succession, (MapperError, Box<Mapper>)> {
+        let log = match self.mapper.log_from(other.position()) {
+            Ok(log) => log,
+            Err(error) => return Err((error, other)),
+        };
         if log.n_beyond(other.position(), self.mapper.arm().robot.n_joints()) > MAX_LAG {
-            return Ok(Succession::Behind(Box::new(other), log));
+            return Ok(Succession::Behind(other, log));
         }
-        other.catch_up(&log, || true)?;
+        if let Err(error) = other.catch_up(&log, || true) {
+            return Err((error, other));
+        }
         other.go_on_after(&log);
-        Ok(Succession::Done(Box::new(std::mem::replace(&mut self.mapper, other))))
+        std::mem::swap(&mut self.mapper, &mut other);
+        Ok(Succession::Done(other))
     }
 
     /// The mapper.

@@ -86,19 +86,19 @@ fn a_mapper_with_other_settings_takes_over_in_a_touch_as_if_it_had_been_there_fr
         let mut config = mapper(&arm, 0).config().clone();
         config.contact.contact_distance_m = 0.03;
         config.estimator.prior.mean_n_per_m = 0.04;
-        Mapper::new(Arc::clone(&arm), config).unwrap()
+        Box::new(Mapper::new(Arc::clone(&arm), config).unwrap())
     };
     let mut live = session(&arm, 0, None);
     play(&mut live, touches[0]);
     let (before, after) = touches[1].split_at(touches[1].len() / 2);
     play(&mut live, before);
     // A mapper that has learned nothing is too far behind to take over at once.
-    let Succession::Behind(mut second, log) = live.go_on_with(other()).unwrap() else {
+    let Ok(Succession::Behind(mut second, log)) = live.go_on_with(other()) else {
         unreachable!("it lacks a touch and a half")
     };
     assert!(second.catch_up(&log, || true).unwrap());
     play(&mut live, &after[..10]);
-    let Succession::Done(first) = live.go_on_with(*second).unwrap() else {
+    let Ok(Succession::Done(first)) = live.go_on_with(second) else {
         unreachable!("it lacks ten samples")
     };
     assert!(first.config() != live.mapper().config());
@@ -114,6 +114,25 @@ fn a_mapper_with_other_settings_takes_over_in_a_touch_as_if_it_had_been_there_fr
         from_log.end_touch().unwrap();
     }
     assert!(live.mapper().field() == from_log.field());
+}
+
+#[test]
+fn a_mapper_that_cannot_take_over_is_returned_with_the_reason() {
+    let (arm, touches) = (arm(), touches(2));
+    let mut config = mapper(&arm, 0).config().clone();
+    config.estimator.memory.frames = 1;
+    let small = Mapper::new(Arc::clone(&arm), config).unwrap();
+    let mut live = Session::new(small, PauseConfig::default(), None).unwrap();
+    touches.iter().for_each(|touch| drop(play(&mut live, touch)));
+    live.finish();
+    let mut other = mapper(&arm, 0);
+    other.begin_touch();
+    other.name_touch("other");
+    let Err((error, other)) = live.go_on_with(Box::new(other)) else {
+        unreachable!("a touch has left the memory")
+    };
+    assert!(error.to_string().ends_with("cannot be learnt again; raise `memory_mib`"), "{error}");
+    assert!(other.position().completed() == 0 && live.mapper().n_cells() > other.n_cells());
 }
 
 #[test]

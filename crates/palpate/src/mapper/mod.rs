@@ -108,6 +108,11 @@ pub enum MapperError {
          would be forgotten as well; map again only the logs to keep, or map all logs with more memory (`memory_mib`)"
     )]
     Gone { touches: u32 },
+    /// The same, where all touches are to be learnt again.
+    #[error(
+        "learnt touches ({touches}) are no longer in memory, so they cannot be learnt again; raise `memory_mib`"
+    )]
+    NotLogged { touches: u32 },
     /// A snapshot that contradicts itself.
     #[error("the saved mapper is inconsistent: {what}")]
     Snapshot { what: String },

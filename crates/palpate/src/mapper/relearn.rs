@@ -121,14 +121,13 @@ impl Mapper {
     ///
     /// # Errors
     ///
-    /// [`MapperError::Gone`] if samples of learnt touches are no longer in memory.
+    /// [`MapperError::NotLogged`] if samples of learnt touches are no longer in memory.
     pub fn log_from(&self, position: LogPosition) -> Result<TouchLog, MapperError> {
         let remembered = self.replays.estimator().frame_ids();
         let under_way = self.tracker.is_in_touch();
         let (touches, gone) = self.log.needed_by(&remembered, (position.completed(), under_way));
-        let gone = gone + u32::from(self.log.has_lost());
         if gone > 0 {
-            return Err(MapperError::Gone { touches: gone });
+            return Err(MapperError::NotLogged { touches: gone });
         }
         let learnt_s = under_way.then(|| self.tracker.learnt_s()).flatten();
         Ok(TouchLog { touches, begun: self.log.begun(), learnt_s })

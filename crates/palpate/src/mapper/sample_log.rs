@@ -215,11 +215,6 @@ impl SampleLog {
         numbers * size_of::<f64>()
     }
 
-    /// Whether any touch exceeded the limit of the log.
-    pub(super) fn has_lost(&self) -> bool {
-        self.touches.iter().any(|logged| logged.lost)
-    }
-
     /// Whether a touch exceeded the limit of the log, so that its frames cannot be simulated again.
     pub(super) fn is_lost(&self, touch: u32) -> bool {
         self.touches.iter().any(|logged| logged.touch == touch && logged.lost)
