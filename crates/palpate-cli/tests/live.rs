@@ -128,7 +128,11 @@ fn needs_cyclonedds_settings_are_chosen_during_the_session_except_for_given_ones
     let distance = format!("contact distance {:.0} mm", 1e3 * config.contact.contact_distance_m);
     assert!(note.contains(&distance) && note.contains("friction 0.05"), "{note}");
     assert_eq!(config.contact.friction, 0.05);
-    refuse(palpate().args(["live", "--localhost", "--no-map", "--tune"]), 2, &["leave out --tune"]);
+    for flags in [&["--no-map"][..], &["--estimator", "ekf"]] {
+        let mut command = palpate();
+        command.args(["live", "--localhost", "--tune"]).args(flags);
+        refuse(&mut command, 2, &["--estimator ekf", "leave out --tune"]);
+    }
 }
 
 #[test]

@@ -1,10 +1,10 @@
-//! Settings of `map` chosen for the touches at hand ([`Search::quick`]): from which touches, with which bands, and how
-//! the choice is told.
+//! Settings of `map` chosen for the touches at hand ([`Search::quick`]): from which touches, with which bands, and a
+//! summary of the choice.
 
 use std::sync::Arc;
 
 use palpate::unstable::{Downsampling, TouchLog};
-use palpate::{Arm, Calibration, MapperConfig, Sample};
+use palpate::{Arm, Calibration, EstimatorKind, MapperConfig, Sample};
 
 use crate::calibrate::calibrate;
 use crate::error::{LearnError, Stop};
@@ -79,7 +79,8 @@ fn candidates<'a>(
     Ok(candidates)
 }
 
-/// Chooses the settings that are not `given`, by cross-validation on all of these touches, and calibrates bands.
+/// Chooses the settings that are not `given`, by cross-validation on all of these touches, and calibrates bands. Times of
+/// samples are those of a log, not of the arm ([`palpate::unstable::LoggedTouch::samples`]): no inertia is computed from them.
 ///
 /// # Errors
 ///
@@ -90,7 +91,10 @@ pub fn choose(
     given: FixedSettings,
     stop: Stop<'_>,
 ) -> Result<Chosen, LearnError> {
-    let tracked = TrackedTouches::bounded(arm, config, touches, stop)?;
+    if config.method != EstimatorKind::Map {
+        return Err(LearnError::NotMap(config.method.name()));
+    }
+    let tracked = TrackedTouches::bounded(arm, config, touches, stop)?.without_times();
     let search = Search::quick(config, given);
     let tuner = Tuner::new((arm, touches, &tracked), config, search, stop, &|| ())?;
     let everything: Vec<usize> = (0..touches.len()).collect();
@@ -100,7 +104,7 @@ pub fn choose(
 }
 
 /// Chooses the settings that are not `given` for the completed touches of a log ([`pick`], [`choose`]), and says in one
-/// line what was chosen. `None` if the arm touches something in fewer than [`MIN_TUNING_TOUCHES`] of them.
+/// line what was chosen, and whether the torques follow the arm's own motion all the same. `None` if the arm touches something in fewer than [`MIN_TUNING_TOUCHES`] of them.
 ///
 /// # Errors
 ///
@@ -115,21 +119,35 @@ pub fn choose_for_log(
     let completed = log.touches.iter().filter(|touch| !touch.open);
     let mut touches: Vec<TouchSamples> = completed
         .map(|touch| TouchSamples {
-            name: touch.name.clone(),
+            name: format!("#{} {}", touch.touch, touch.name).trim_end().to_owned(),
             samples: touch.samples(n_joints).collect(),
             truth: None,
         })
         .collect();
     let samples: Vec<&[Sample]> = touches.iter().map(|touch| &touch.samples[..]).collect();
-    let (kept, _) = pick((arm, config), &samples, stop)?;
+    let (kept, _) = pick((arm, config), &samples, stop).map_err(|error| named(error, &touches))?;
     let (found, mut place) = (touches.len(), 0..);
     touches.retain(|_| place.next().is_some_and(|place| kept.contains(&place)));
     if touches.len() < MIN_TUNING_TOUCHES {
         return Ok(None);
     }
-    let chosen = choose((arm, config), &touches, given, stop)?;
-    let summary = summary(&chosen.tuned, (touches.len(), found));
+    let chosen = choose((arm, config), &touches, given, stop);
+    let chosen = chosen.map_err(|error| named(error, &touches))?;
+    let mut summary = summary(&chosen.tuned, (touches.len(), found));
+    if let Some((finding, remedy)) = doubt(&chosen.tuned).filter(|_| !chosen.tuned.is_all_noise) {
+        summary += &format!("; {finding}; it is learned as stiffness all the same; {remedy}");
+    }
     Ok(Some((chosen, summary)))
+}
+
+/// An error with the name of the touch in place of its index.
+fn named(error: LearnError, touches: &[TouchSamples]) -> LearnError {
+    match error {
+        LearnError::Sample { touch, sample, source } => {
+            LearnError::Logged { touch: touches[touch].name.clone(), sample, source }
+        }
+        error => error,
+    }
 }
 
 /// Bands around predictions under the `chosen` settings, calibrated on all touches; `tracked` are these under the
@@ -174,16 +192,36 @@ pub fn summary(tuned: &Tuned, (touches, found): (usize, usize)) -> String {
     )
 }
 
-/// Why the touches should not be learned under the chosen settings, if their torques are no contacts.
-pub fn doubt(tuned: &Tuned) -> Option<String> {
+/// What shows that the torques are not those of contacts, and what to do about it.
+pub fn doubt(tuned: &Tuned) -> Option<(String, &'static str)> {
+    let identified = tuned.config.touch.identified;
     if let Some(share) = tuned.own_motion {
         let percent = 100.0 * share;
-        return Some(format!(
-            "the torques follow the arm's own motion: friction and inertia explain {percent:.0} % of them while the arm \
-             moves; `palpate identify` finds these from free motion, and an identified arm subtracts them"
-        ));
+        let finding = format!(
+            "the external torque follows the arm's own motion rather than contacts: while the arm moves, its friction \
+             and inertia explain {percent:.0} % of the torque (mean square)"
+        );
+        let remedy = if identified {
+            "`palpate identify` on new free motion finds the present friction"
+        } else {
+            "`palpate identify` finds friction and inertia from free motion, and --arm subtracts them"
+        };
+        return Some((finding, remedy));
     }
-    tuned.is_all_noise.then(|| "these touches hardly predict each other's torques".to_owned())
+    let remedy = if identified {
+        "Perhaps nothing was touched"
+    } else {
+        "The torques of the arm's own motion may be the reason: `palpate identify` finds friction and inertia from free \
+         motion, and --arm subtracts them"
+    };
+    let finding = "these touches hardly predict each other's torques".to_owned();
+    tuned.is_all_noise.then_some((finding, remedy))
+}
+
+/// Why the settings should stay as they are: with the chosen ones, all torque would count as noise.
+pub fn refusal(tuned: &Tuned) -> Option<String> {
+    let doubt = doubt(tuned).filter(|_| tuned.is_all_noise);
+    doubt.map(|(finding, remedy)| format!("{finding}. {remedy}"))
 }
 
 /// Indices of touches, given the largest torque of each, N·m, in descending order: those above [`RELATIVE_FROM_N_M`],

@@ -15,6 +15,9 @@ pub enum LearnError {
     /// A sample that cannot be used.
     #[error("touch {touch}, sample {sample}: {source}")]
     Sample { touch: usize, sample: usize, source: MapperError },
+    /// A sample of a logged touch, given by its number and name, that cannot be used.
+    #[error("touch `{touch}`, sample {sample} (from 0): {source}")]
+    Logged { touch: String, sample: usize, source: MapperError },
     /// True torques whose shape does not fit their touch.
     #[error("the truth of touch `{touch}` has {got}, the touch has {expected}")]
     Truth { touch: String, got: String, expected: String },
@@ -25,6 +28,9 @@ pub enum LearnError {
     Estimator(#[from] EstimatorError),
     #[error(transparent)]
     Regression(#[from] RegressionError),
+    /// Settings to be chosen for another estimator than `map`.
+    #[error("settings are chosen for the estimator `map`, not for `{0}`")]
+    NotMap(&'static str),
     /// No excitation can be found, or its start is not allowed.
     #[error("{0}")]
     Excite(String),

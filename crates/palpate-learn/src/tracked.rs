@@ -266,6 +266,13 @@ impl TrackedTouches {
         }
     }
 
+    /// Without times of the frames.
+    pub(crate) fn without_times(mut self) -> Self {
+        let motions = Arc::make_mut(&mut self.motions);
+        motions.iter_mut().flatten().for_each(|frame| frame.time_s = None);
+        self
+    }
+
     fn track(
         arm: &Arc<Arm>,
         config: &MapperConfig,

@@ -13,7 +13,7 @@ use crossbeam_channel::{RecvTimeoutError, Sender, bounded};
 use palpate::unstable::TouchLog;
 use palpate::{Arm, Mapper, MapperConfig, MapperError, ReplayPolicy};
 use palpate_learn::LearnError;
-use palpate_learn::choose::{Chosen, MIN_TUNING_TOUCHES, choose_for_log, doubt};
+use palpate_learn::choose::{Chosen, MIN_TUNING_TOUCHES, choose_for_log, refusal};
 use palpate_learn::tune::FixedSettings;
 
 use crate::background::{Share, nice_pool, on};
@@ -101,7 +101,7 @@ impl<'a> Chooser<'a> {
             let why = format!("fewer than {MIN_TUNING_TOUCHES} touches meet something");
             return Err(Failure::Touches(why));
         };
-        if let Some(why) = doubt(&tuned) {
+        if let Some(why) = refusal(&tuned) {
             return Err(Failure::Touches(why));
         }
         let mapper =

@@ -11,7 +11,7 @@ use palpate::{
 };
 use palpate_io::field::{self, SavedField};
 use palpate_learn::LearnError;
-use palpate_learn::choose::{Chosen, MIN_TUNING_TOUCHES, choose_for_log, doubt};
+use palpate_learn::choose::{Chosen, MIN_TUNING_TOUCHES, choose_for_log, refusal};
 use palpate_work::Progress;
 use palpate_work::elastic::without_body;
 use palpate_work::error::WorkError;
@@ -126,7 +126,7 @@ impl Mapper {
                 "choosing settings needs {MIN_TUNING_TOUCHES} touches in which the arm touches something"
             )));
         };
-        if let Some(why) = doubt(&tuned) {
+        if let Some(why) = refusal(&tuned) {
             return Err(WorkError::from(format!("the settings stay as they are: {why}")));
         }
         let learn = || {

@@ -165,41 +165,22 @@ impl Tuning<'_> {
         progress.note("comparing the candidates");
         let everything: Vec<usize> = (0..self.touches.len()).collect();
         let tuned = tuner.tune(&everything, &stop).map_err(fault)?;
-        if let Some(text) = own_motion(&tuned, self.config) {
+        if let Some(text) = doubt(&tuned) {
             progress.warn(&text);
-        } else if tuned.is_all_noise {
-            let remedy = if self.config.touch.identified {
-                "Perhaps nothing was touched"
-            } else {
-                "The torques of the arm's own motion may be the reason: `palpate identify` finds friction and inertia \
-                 from free motion, and --arm subtracts them"
-            };
-            progress.warn(&format!(
-                "these touches hardly predict each other's torques: all of the torque counts as noise, and the \
-                 field hardly differs from its prior. {remedy}"
-            ));
         }
         Ok((tracked, tuned))
     }
 }
 
-/// A warning, if the torques follow the arm's own motion.
-pub(crate) fn own_motion(tuned: &Tuned, config: &MapperConfig) -> Option<String> {
-    let percent = 100.0 * tuned.own_motion?;
+/// A warning, if the torques seem not to be those of contacts.
+pub(crate) fn doubt(tuned: &Tuned) -> Option<String> {
+    let (finding, remedy) = choose::doubt(tuned)?;
     let noise = if tuned.is_all_noise {
         "all of the torque counts as noise, and the field hardly differs from its prior"
     } else {
         "it is learned as stiffness, since the estimator or its torque noise or stiffness scale is given"
     };
-    let remedy = if config.touch.identified {
-        "`palpate identify` on new free motion finds the present friction"
-    } else {
-        "`palpate identify` finds friction and inertia from free motion, and --arm subtracts them"
-    };
-    Some(format!(
-        "the external torque follows the arm's own motion rather than contacts: while the arm moves, its friction and \
-         inertia explain {percent:.0} % of the torque (mean square). So {noise}. {remedy}"
-    ))
+    Some(format!("{finding}. So {noise}. {remedy}"))
 }
 
 /// Chosen settings, and bands around predictions under them if there were enough touches.
@@ -329,18 +310,17 @@ mod tests {
 
     #[test]
     fn friction_is_reported_with_its_share_what_becomes_of_it_and_a_remedy() {
-        let mut config = MapperConfig::of(EstimatorKind::Map);
-        let tuned = |is_all_noise, own_motion| {
-            let config = MapperConfig::of(EstimatorKind::Map);
+        let tuned = |is_all_noise, own_motion, identified| {
+            let mut config = MapperConfig::of(EstimatorKind::Map);
+            config.touch.identified = identified;
             Tuned { config, trials: Vec::new(), is_all_noise, own_motion }
         };
-        assert_eq!(own_motion(&tuned(true, None), &config), None);
-        let text = own_motion(&tuned(true, Some(0.871)), &config).unwrap();
+        assert_eq!(doubt(&tuned(false, None, false)), None);
+        let text = doubt(&tuned(true, Some(0.871), false)).unwrap();
         let parts =
             ["explain 87 % of the torque", "counts as noise", "identify", "--arm subtracts"];
         assert!(parts.iter().all(|part| text.contains(part)), "{text}");
-        config.touch.identified = true;
-        let text = own_motion(&tuned(false, Some(0.871)), &config).unwrap();
+        let text = doubt(&tuned(false, Some(0.871), true)).unwrap();
         let parts = ["learned as stiffness", "new free motion"];
         assert!(parts.iter().all(|part| text.contains(part)), "{text}");
     }

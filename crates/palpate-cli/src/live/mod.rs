@@ -104,7 +104,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FIELD.npz", conflicts_with_all = ["resume", "cloud", "body"])]
     prior: Option<PathBuf>,
     /// Whether settings that are not given are chosen by cross-validation during the session: `quick` or `off`
-    /// [default: quick; off with --prior, --cloud or --estimator ekf, or if a field is continued]
+    /// [default: quick; off with --prior, --cloud, --body, --no-map or --estimator ekf, or if a field is continued]
     #[arg(
         long, value_name = "HOW", num_args = 0..=1, default_missing_value = "quick",
         require_equals = true, value_parser = quick_or_off
@@ -380,16 +380,17 @@ impl Args {
         }
         let begins_with =
             self.field().is_some() || self.prior.is_some() || self.object.is_given() || self.no_map;
+        let can_choose = !begins_with && settings.config()?.method == EstimatorKind::Map;
         let chooses = match self.tune {
-            Some(Tune::Quick) if begins_with => {
+            Some(Tune::Quick) if !can_choose => {
                 return Err(CliError::Usage(
-                    "settings are not chosen with --prior, --cloud, --body or --no-map, or for a field that is \
-                     continued; leave out --tune"
+                    "settings are not chosen with --prior, --cloud, --body, --no-map or --estimator ekf, or for a \
+                     field that is continued; leave out --tune"
                         .to_owned(),
                 ));
             }
             Some(tune) => tune == Tune::Quick,
-            None => !begins_with && settings.config()?.method == EstimatorKind::Map,
+            None => can_choose,
         };
         Ok(chooses.then(|| given(settings)))
     }

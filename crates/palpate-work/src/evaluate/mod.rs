@@ -18,7 +18,7 @@ use crate::elastic::simulate_bodies;
 use crate::error::WorkError;
 use crate::progress::Progress;
 use crate::touches::RecordedTouch;
-use crate::tune::{Tune, own_motion};
+use crate::tune::{Tune, doubt};
 
 mod plan;
 
@@ -228,7 +228,7 @@ impl EvaluationJob<'_> {
                 let tuned =
                     self.tuned(&mut tuner, train, tracked, (method, &step), (keep, progress))?;
                 bar.step();
-                if let Some(text) = own_motion(&tuned, &self.estimators[index]).filter(|_| !warned)
+                if let Some(text) = doubt(&tuned).filter(|_| tuned.own_motion.is_some() && !warned)
                 {
                     progress.warn(&text);
                     warned = true;
