@@ -48,8 +48,8 @@ pub(crate) struct Mapper {
     state: Shared<State>,
     robot: Robot,
     settings: Settings,
-    /// The configuration with which it began.
-    initial: MapperConfig,
+    /// The configuration with which it began; `None` if it continues a field.
+    initial: Option<MapperConfig>,
     /// The settings for samples one by one, with sign and gravity of the torques as in the file of an identified arm.
     stream_settings: Settings,
 }
@@ -87,7 +87,7 @@ impl Mapper {
             }
             None => None,
         };
-        let initial = mapper.config().clone();
+        let initial = Some(mapper.config().clone());
         let state = Shared::new(State { mapper, stream, in_touch });
         Ok(Self { state, robot, settings, initial, stream_settings })
     }
@@ -104,19 +104,19 @@ impl Mapper {
             let snapshot = resume::snapshot_of(saved, name, &robot.arm, &settings)?;
             resume::mapper(name, &robot.arm, snapshot, progress)
         })?;
-        Self::of(mapper, robot, settings)
+        Ok(Self { initial: None, ..Self::of(mapper, robot, settings)? })
     }
 
     /// A mapper that has learnt the touches of a log with settings chosen for them, and what was chosen.
     fn chosen_for(
         &self,
-        log: &TouchLog,
+        (initial, log): (&MapperConfig, &TouchLog),
         progress: &dyn Progress,
     ) -> Result<(palpate::Mapper, String), WorkError> {
         let (arm, stopped) = (&self.robot.arm, || progress.stopped());
         let interrupted = || WorkError::Interrupted { kept: String::new() };
         progress.note("choosing settings");
-        let found = choose_for_log((arm, &self.initial), log, given(&self.settings), &stopped);
+        let found = choose_for_log((arm, initial), log, given(&self.settings), &stopped);
         let found = found.map_err(|error| match error {
             LearnError::Stopped => interrupted(),
             error => WorkError::from(error.to_string()),
@@ -328,14 +328,19 @@ impl Mapper {
     ///
     /// This takes about ten seconds for eleven touches. Meanwhile other threads can use the mapper; what they learn is
     /// kept. Returns what was chosen, in one line. `progress` is as in `map`. Raises PalpateError, and changes nothing, if
-    /// the method is `ekf`, cells have their own prior means, fewer than three touches meet something, touches hardly
-    /// predict each other or follow the arm's own motion, or some are no longer in memory.
+    /// the method is `ekf`, the mapper continues a field, cells have their own prior means, fewer than three touches meet
+    /// something, touches hardly predict each other or follow the arm's own motion, or some are no longer in memory.
     #[pyo3(signature = (progress = None))]
     fn choose_settings(
         &self,
         py: Python<'_>,
         progress: Option<&Bound<'_, PyAny>>,
     ) -> Result<String> {
+        let Some(initial) = &self.initial else {
+            let why =
+                "settings are not chosen for a field that is continued: it keeps its settings";
+            return Err(PalpateError::new_err(why).into());
+        };
         let log = {
             let state = self.state.take(py)?;
             let mapper = &state.borrow().mapper;
@@ -346,7 +351,8 @@ impl Mapper {
             }
             mapper.log_from(LogPosition::default())?
         };
-        let (mut mapper, summary) = long(py, progress, |progress| self.chosen_for(&log, progress))?;
+        let (mut mapper, summary) =
+            long(py, progress, |progress| self.chosen_for((initial, &log), progress))?;
         // What was learned meanwhile: most of it while others can use the mapper, the rest while they wait.
         let later = self.state.take(py)?.borrow().mapper.log_from(mapper.position())?;
         py.detach(|| mapper.catch_up(&later, || true))?;

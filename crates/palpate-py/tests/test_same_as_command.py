@@ -3,6 +3,7 @@
 import json
 import shutil
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +71,40 @@ def test_needs_command_settings_chosen_for_learned_touches_give_the_field_of_the
     assert (tmp_path / "ours.npz").read_bytes() == (tmp_path / "theirs.npz").read_bytes()
     with pytest.raises(palpate.PalpateError, match="method `map`"):
         palpate.Mapper(robot, "ekf").choose_settings()
+    with pytest.raises(palpate.PalpateError, match="for a field that is continued"):
+        palpate.Mapper.load(tmp_path / "ours.npz", robot).choose_settings()
+
+
+def test_samples_that_another_thread_learns_while_settings_are_chosen_are_kept(
+    plant: Path, robot: palpate.Robot
+) -> None:
+    *touches, last = palpate.open_log([plant / f"seq_00{number}" for number in range(4)])
+    assert last.time is not None
+    samples = list(zip(last.q, last.tau, last.time))
+
+    def begun() -> palpate.Mapper:
+        mapper = palpate.Mapper(robot)
+        mapper.map(touches, progress=False)
+        return mapper
+
+    first_chosen, meanwhile = begun(), begun()
+    first_chosen.choose_settings(progress=False)
+    first_chosen.begin_touch()
+    for sample in samples:
+        first_chosen.step(*sample)
+    first_chosen.end_touch()
+    meanwhile.begin_touch()
+    for sample in samples[:100]:
+        meanwhile.step(*sample)
+    with ThreadPoolExecutor(1) as pool:
+        chosen = pool.submit(meanwhile.choose_settings, progress=False)
+        for sample in samples[100:]:
+            meanwhile.step(*sample)
+        meanwhile.end_touch()
+        assert chosen.result().startswith("chosen by cross-validation on 3 touches")
+    fields = [mapper.field() for mapper in (first_chosen, meanwhile)]
+    assert fields[0].stiffness.tobytes() == fields[1].stiffness.tobytes()
+    assert fields[0].cells.tobytes() == fields[1].cells.tobytes()
 
 
 def test_a_map_is_the_same_from_a_path_a_log_touches_or_steps(plant: Path, robot: palpate.Robot) -> None:

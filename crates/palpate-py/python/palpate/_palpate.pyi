@@ -406,8 +406,8 @@ class Mapper:
 
         This takes about ten seconds for eleven touches. Meanwhile other threads can use the mapper; what they learn is
         kept. Returns what was chosen, in one line. `progress` is as in `map`. Raises PalpateError, and changes nothing, if
-        the method is `ekf`, cells have their own prior means, fewer than three touches meet something, touches hardly
-        predict each other or follow the arm's own motion, or some are no longer in memory.
+        the method is `ekf`, the mapper continues a field, cells have their own prior means, fewer than three touches meet
+        something, touches hardly predict each other or follow the arm's own motion, or some are no longer in memory.
         """
     def field(self) -> Field:
         """A copy of the present field with its memory; later samples do not change it."""
