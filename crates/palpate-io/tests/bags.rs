@@ -284,6 +284,23 @@ fn the_only_topic_of_joint_states_is_read_before_those_of_makers() {
 }
 
 #[test]
+fn joint_states_with_fewer_torques_than_a_topic_of_the_maker_are_not_read() {
+    let definition = "float64 sample_time\nuint32 time_stamp_sec\nuint32 time_stamp_nano_sec\n\
+        float64[2] measured_joint_position\nfloat64[2] measured_torque\nfloat64[2] external_torque\n";
+    for (joints, effort) in [(&["a", "b"][..], &[][..]), (&["grip"], &[0.5])] {
+        let mut raw = Raw::new();
+        raw.state(1, joints, &[0.25, 0.35][..joints.len()], effort);
+        let topic = raw.channel("/lbr/state", "lbr_fri_idl/msg/LBRState", definition);
+        let numbers = [0.1, 0.2, 3.0, 4.0, 0.5, 0.6].map(Number::F64);
+        let stamp = [Number::F64(0.005), Number::U32(7), Number::U32(0)];
+        let numbers: Vec<Number> = stamp.into_iter().chain(numbers).collect();
+        raw.put(topic, 1, &message(&numbers));
+        let (_kept, path) = raw.done();
+        assert_eq!(samples(&read(&path, &LogOptions::default()).unwrap().0)[0].q, [0.1, 0.2]);
+    }
+}
+
+#[test]
 fn joints_are_matched_by_name_in_any_order_and_others_are_left_out() {
     let mut raw = Raw::new();
     raw.state(1, &["grip"], &[9.0], &[f64::NAN]);

@@ -22,11 +22,12 @@ impl ChosenTopics {
     }
 }
 
-/// Chooses the topics to read.
+/// Chooses the topics to read. `torques` is the number of joints with torques in the first messages of a topic.
 pub(super) fn choose(
     path: &Path,
     topics: &[Topic],
     options: &LogOptions,
+    torques: &dyn Fn(&Topic) -> usize,
 ) -> Result<ChosenTopics, BagError> {
     let samples = match &options.topic {
         Some(name) => {
@@ -40,7 +41,7 @@ pub(super) fn choose(
             }
             topic
         }
-        None => only(path, topics)?,
+        None => only(path, topics, torques)?,
     };
     let markers = match &options.touch_topic {
         Some(name) => Some(named(path, topics, name)?),
@@ -57,15 +58,23 @@ fn named<'a>(path: &Path, topics: &'a [Topic], name: &str) -> Result<&'a Topic, 
 }
 
 /// The only topic with a supported type of joint states and with messages, or the only one of them with joint states of
-/// ROS, which drivers publish beside messages of their own types.
-fn only<'a>(path: &Path, topics: &'a [Topic]) -> Result<&'a Topic, BagError> {
+/// ROS, which drivers publish beside messages of their own types. But joint states without torques, or of a gripper
+/// alone, have torques of fewer joints than those of the driver, and are left out.
+fn only<'a>(
+    path: &Path,
+    topics: &'a [Topic],
+    torques: &dyn Fn(&Topic) -> usize,
+) -> Result<&'a Topic, BagError> {
     let fit = |topic: &&Topic| has_joints(&topic.kind) && topic.messages != Some(0);
     let fitting: Vec<&Topic> = topics.iter().filter(fit).collect();
-    let of_ros: Vec<&Topic> =
-        fitting.iter().copied().filter(|topic| is_joint_state(&topic.kind)).collect();
-    match (&fitting[..], &of_ros[..]) {
-        ([topic], _) | (_, [topic]) => Ok(topic),
-        ([], _) => Err(unclear(path, "no topic holds joint states".to_owned(), topics)),
+    let (mut of_ros, of_makers): (Vec<&Topic>, Vec<&Topic>) =
+        fitting.iter().partition(|topic| is_joint_state(&topic.kind));
+    if let Some(most) = of_makers.iter().map(|topic| torques(topic)).max() {
+        of_ros.retain(|topic| torques(topic) >= most);
+    }
+    match (&of_ros[..], &of_makers[..]) {
+        ([topic], _) | ([], [topic]) => Ok(topic),
+        ([], []) => Err(unclear(path, "no topic holds joint states".to_owned(), topics)),
         _ => {
             let names: Vec<&str> = fitting.iter().map(|topic| topic.name.as_str()).collect();
             let reason = format!(

@@ -80,13 +80,18 @@ impl BagLog {
             topic::merge(&mut topics, file::topics(file, stored)?);
         }
         let Some(format) = format else { return Err(LogError::Empty { path: path.to_owned() }) };
-        let chosen = choose::choose(path, &topics, options)?;
+        let torques = |topic: &Topic| {
+            let first = first_messages(&files, &topic.name);
+            MessageReader::of(topic, options).map_or(0, |reading| reading.torques_of(&first))
+        };
+        let chosen = choose::choose(path, &topics, options, &torques)?;
         let reading = MessageReader::of(&chosen.samples, options).map_err(|reason| {
             let Topic { name, kind, .. } = chosen.samples.clone();
             BagError::Layout { path: path.to_owned(), topic: name, kind, reason }
         })?;
         let marker = chosen.markers.as_ref().map(Marker::of);
-        let joints = reading.joints(&first_messages(&files, &chosen), options.joints.as_deref());
+        let joints = reading
+            .joints(&first_messages(&files, &chosen.samples.name), options.joints.as_deref());
         let markers = chosen.markers.as_ref().and_then(|topic| topic.messages);
         let description = LogDescription {
             path: path.to_owned(),
@@ -239,10 +244,10 @@ impl Source for BagLog {
     }
 }
 
-/// At most [`LOOKED_AT`] messages from the start of the samples' topic, as far as they can be read.
-fn first_messages(files: &[PathBuf], chosen: &ChosenTopics) -> Vec<Vec<u8>> {
-    let only_samples = [chosen.names()[0].clone(), None];
-    let messages = files.iter().filter_map(|file| file::messages(file, only_samples.clone()).ok());
+/// At most [`LOOKED_AT`] messages from the start of a topic, as far as they can be read.
+fn first_messages(files: &[PathBuf], topic: &str) -> Vec<Vec<u8>> {
+    let only = [Some(topic.to_owned()), None];
+    let messages = files.iter().filter_map(|file| file::messages(file, only.clone()).ok());
     let messages = messages.flat_map(|messages| messages.map_while(Result::ok));
     messages.take(LOOKED_AT).map(|message| message.data).collect()
 }

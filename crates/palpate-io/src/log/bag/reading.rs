@@ -226,6 +226,13 @@ impl MessageReader {
         joints
     }
 
+    /// Largest number of joints with finite torques in one of these messages.
+    pub(super) fn torques_of(&self, first: &[Vec<u8>]) -> usize {
+        let taken = first.iter().filter_map(|data| self.layout.take(data).ok());
+        let finite = taken.map(|taken| taken.torques.iter().filter(|tau| tau.is_finite()).count());
+        finite.max().unwrap_or(0)
+    }
+
     /// The sample of these joints; `None` if one of them is not in the message. The error is the end
     /// of a message to the user.
     pub(super) fn sample(
