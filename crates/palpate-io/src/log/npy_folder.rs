@@ -54,15 +54,25 @@ struct Arrays {
 impl Arrays {
     /// The arrays with the names of OpenVSF; instead of a missing one, the only array with another
     /// known name, and as time the first such array.
-    fn of(folder: &Path) -> Self {
+    ///
+    /// # Errors
+    ///
+    /// If there are two arrays with other names in place of one with the name of OpenVSF.
+    fn of(folder: &Path) -> Result<Self, LogError> {
         let (arrays, names) = Self::named(folder);
         let called = |spelling: &Spelling| -> Vec<&PathBuf> {
             let named = arrays.iter().zip(&names);
             named.filter(|(_, name)| spelling.is_of_array(name)).map(|(path, _)| path).collect()
         };
         let or_only = |path: PathBuf, others: &[&PathBuf]| match others {
-            [other] if !path.is_file() => (*other).clone(),
-            _ => path,
+            [other] if !path.is_file() => Ok((*other).clone()),
+            [first, second, ..] if !path.is_file() => {
+                let name = |path: &Path| path.file_name().map(|name| name.display().to_string());
+                let [first, second] = [first, second].map(|path| name(path).unwrap_or_default());
+                let remedy = format!("`{first}` and `{second}` may be it: rename the right one");
+                Err(LogError::Missing { path, remedy })
+            }
+            _ => Ok(path),
         };
         let own = folder.join("torques.npy");
         let others = TORQUES.iter().map(|(kind, spelling)| (*kind, called(spelling)));
@@ -74,12 +84,12 @@ impl Arrays {
             let place = time.places().next()?;
             Some((time, arrays[place].clone()))
         };
-        Self {
-            angles: or_only(folder.join("angles.npy"), &called(&POSITIONS)),
-            torques: or_only(folder.join("torques.npy"), &torques),
+        Ok(Self {
+            angles: or_only(folder.join("angles.npy"), &called(&POSITIONS))?,
+            torques: or_only(folder.join("torques.npy"), &torques)?,
             kind,
             time: if clock.is_file() { Some((time, clock)) } else { of_others() },
-        }
+        })
     }
 
     /// The npy files of a folder, and their names without extension.
@@ -124,7 +134,7 @@ impl TouchFile for TouchFolder {
 
     /// Opens the files of a touch and checks that their shapes agree.
     fn open(folder: &Path, options: &LogOptions) -> Result<Self, LogError> {
-        let arrays = Arrays::of(folder);
+        let arrays = Arrays::of(folder)?;
         let angles = Table::open(arrays.angles)?;
         let torques = Table::open(arrays.torques)?;
         let frames = angles.rows.rows;
@@ -333,7 +343,9 @@ mod tests {
         });
         fs::remove_file(path("angles.npy")).unwrap();
         save(&path("joint_positions.npy"), TWO);
-        assert!(complaint(set.path()).contains("angles.npy` does not exist"));
+        let complaint = complaint(set.path());
+        assert!(complaint.contains("angles.npy` does not exist"), "{complaint}");
+        assert!(complaint.contains("`joint_positions.npy` and `q.npy`"), "{complaint}");
     }
 
     #[test]
