@@ -130,7 +130,7 @@ fn needs_cyclonedds_settings_are_chosen_during_the_session_except_for_given_ones
     assert_eq!(config.contact.friction, 0.05);
     for flags in [&["--no-map"][..], &["--estimator", "ekf"]] {
         let mut command = palpate();
-        command.args(["live", "--localhost", "--tune"]).args(flags);
+        command.args(["live", "--localhost", "--duration", "0.1", "--tune"]).args(flags);
         refuse(&mut command, 2, &["--estimator ekf", "leave out --tune"]);
     }
 }
