@@ -79,8 +79,9 @@ fn candidates<'a>(
     Ok(candidates)
 }
 
-/// Chooses the settings that are not `given`, by cross-validation on all of these touches, and calibrates bands. Times of
-/// samples are those of a log, not of the arm ([`palpate::unstable::LoggedTouch::samples`]): no inertia is computed from them.
+/// Chooses the settings that are not `given`, by cross-validation on all of these touches, and calibrates bands. No
+/// inertia is computed: the times of logged samples are not those of the arm
+/// ([`palpate::unstable::LoggedTouch::samples`]).
 ///
 /// # Errors
 ///
@@ -104,7 +105,8 @@ pub fn choose(
 }
 
 /// Chooses the settings that are not `given` for the completed touches of a log ([`pick`], [`choose`]), and says in one
-/// line what was chosen, and whether the torques follow the arm's own motion all the same. `None` if the arm touches something in fewer than [`MIN_TUNING_TOUCHES`] of them.
+/// line what was chosen, and whether the torques follow the arm's own motion all the same. `None` if the arm touches
+/// something in fewer than [`MIN_TUNING_TOUCHES`] of them.
 ///
 /// # Errors
 ///

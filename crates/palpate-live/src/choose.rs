@@ -119,7 +119,7 @@ impl<'a> Chooser<'a> {
             let answer = self.ask(|to_me| Request::GoOnWith(successor, to_me))?;
             match answer.map_err(|(error, _)| error)? {
                 Succession::Done(before) => {
-                    drop(before); // here, because it takes time; so is a refused successor
+                    drop(before); // here, as a refused successor, because it takes time
                     return Ok(());
                 }
                 Succession::Behind(behind, log) => {
