@@ -210,6 +210,16 @@ fn columns_of_external_torques_contain_no_gravity_and_get_their_sign_from_work()
             &["external torques, from which the robot has subtracted gravity"],
         );
     }
+    let renamed = fs::read_to_string(path("plus.csv")).unwrap();
+    let renamed = renamed.replace("external_torque_", "tau_ext_hat_filtered_");
+    fs::write(path("franka.csv"), renamed).unwrap();
+    let both = || {
+        let mut command = palpate();
+        command.args(["torque", "--json"]).arg(path("plus.csv")).arg(path("franka.csv"));
+        command
+    };
+    refuse(&mut both(), 2, &["whose signs may differ", "--torque-sign"]);
+    succeed(both().args(["--torque-sign", "plus"]));
     let mut with_arm = torque(&path("plus.csv"), &path("arm.toml"));
     let (_, said) = printed(with_arm.arg("--json"));
     holds(
@@ -253,6 +263,9 @@ fn needs_rosbags_arms_are_identified_from_measured_torques_in_the_messages_of_ma
         assert_eq!(said.contains("the measured torques are read"), is_chosen, "{said}");
         fs::remove_file(path("arm.toml")).unwrap();
     }
+    // Beside a log of measured torques.
+    let (_, said) = printed(identify(&path("bags/lbr")).arg(path("free/seq_1")).arg("--json"));
+    holds(&said, &["the measured torques are read"]);
 }
 
 #[test]

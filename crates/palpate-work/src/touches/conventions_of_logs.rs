@@ -351,8 +351,8 @@ impl Touches {
             && given.is_none()
         {
             return Err(WorkError::Usage(format!(
-                "`{path}` and `{}` hold external torques of different makers, whose signs may differ; give these \
-                 logs to separate commands",
+                "`{path}` and `{}` hold external torques whose signs may differ; give --torque-sign if it is right \
+                 for all, or give these logs to separate commands",
                 other.display()
             )));
         }

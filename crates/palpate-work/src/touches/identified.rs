@@ -83,8 +83,8 @@ impl Touches {
         })
     }
 
-    /// Reads measured torques, which contain gravity, in place of external ones, if the messages of all logs hold both;
-    /// returns whether they do. No touch may have been read before.
+    /// Reads measured torques, which contain gravity, in place of external ones, if every log of external torques
+    /// holds both; returns whether there are such logs. No touch may have been read before.
     ///
     /// # Errors
     ///

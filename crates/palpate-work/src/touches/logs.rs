@@ -34,27 +34,28 @@ impl Logs {
         Self { unit_said: unit_said.collect(), logs, options, ..Self::default() }
     }
 
-    /// Begins anew with measured torques, which contain gravity, in place of external torques, if all logs hold both;
-    /// returns whether they do.
+    /// Begins anew with measured torques, which contain gravity, in place of external torques, if every log of external
+    /// torques holds both; returns whether there are such logs.
     pub(super) fn read_measured(&mut self) -> Result<bool, LogError> {
         let is_external =
             |log: &dyn Log| matches!(log.describe().torques, LoggedTorques::External(_));
+        if !self.logs.iter().any(|(_, log)| is_external(log.as_ref())) {
+            return Ok(false);
+        }
         let mut measured = Vec::new();
         for ((path, log), options) in self.logs.iter().zip(&self.options) {
-            let Some(options) = options.as_ref().filter(|_| is_external(log.as_ref())) else {
-                return Ok(false);
-            };
-            let options = LogOptions { measured_torques: true, ..options.clone() };
+            let Some(options) = options else { return Ok(false) };
+            let measured_torques = is_external(log.as_ref());
+            let options = LogOptions { measured_torques, ..options.clone() };
             let again = log::open(path, &options)?;
             if is_external(again.as_ref()) {
                 return Ok(false);
             }
             measured.push((path.clone(), again));
         }
-        let is_any = !measured.is_empty();
         (self.logs, self.reading, self.failed) = (measured, 0, None);
         self.ahead.clear();
-        Ok(is_any)
+        Ok(true)
     }
 
     /// Adds logs that were not read from yet.
