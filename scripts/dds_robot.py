@@ -58,6 +58,7 @@ IDENTIFIED = {
     "rt/palpate/torque_external": JointState,
     "rt/palpate/torque_std": JointState,
     "rt/palpate/touched": Bool,
+    "rt/palpate/wrench": WrenchStamped,
 }
 
 

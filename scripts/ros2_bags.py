@@ -205,6 +205,12 @@ def line_of(topic, time_ns, message):
         }
         rows = np.frombuffer(bytes(message.data), np.dtype(layout), message.width)
         fields["columns"] = {name: rows[name].astype(float).tolist() for name in layout["names"]}
+    elif hasattr(message, "wrench"):
+        vectors = (message.wrench.force, message.wrench.torque)
+        fields["link"] = message.header.frame_id
+        fields["wrench"] = [number for v in vectors for number in (v.x, v.y, v.z)]
+    elif hasattr(getattr(message, "data", None), "tolist"):
+        fields["data"] = message.data.tolist()
     elif hasattr(message, "data"):
         fields["data"] = message.data
     return json.dumps(fields)

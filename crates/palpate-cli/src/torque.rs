@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use palpate::{Arm, Differentiation, TorqueModel};
-use palpate_io::torques::{TorqueFormat, TorqueRow, write};
+use palpate_io::torques::{TorqueFormat, TorqueRow, WrenchRow, write};
 use palpate_work::arm_file;
 use palpate_work::quantile::median;
 use palpate_work::torque::{
@@ -62,8 +62,8 @@ pub(crate) struct Args {
     /// Use only past samples at each sample, as `palpate live` does
     #[arg(long)]
     causal: bool,
-    /// Also write the force and moment at the origin of this link that explain the torques best, in base axes (.csv,
-    /// .parquet)
+    /// Also write the force and moment at the origin of this link that explain the torques best, along the axes of the
+    /// base (.csv, .parquet) or of the link (.mcap)
     #[arg(long, value_name = "LINK")]
     wrench_link: Option<String>,
     /// Print contacts and noise as JSON
@@ -80,9 +80,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     args.free.iter().for_each(|log| places.log(log));
     places.output("the torques (--output)", args.output.as_deref())?;
     let format = args.output.as_deref().map(format_of).transpose()?;
-    if args.wrench_link.is_some() && matches!(format, None | Some(TorqueFormat::Mcap)) {
+    if args.wrench_link.is_some() && format.is_none() {
         return Err(CliError::Usage(
-            "the wrench of --wrench-link is written to tables only: give --output FILE.csv or FILE.parquet".to_owned(),
+            "the wrench of --wrench-link is written to a file: give --output".to_owned(),
         ));
     }
     interrupt::listen();
@@ -108,7 +108,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     let contacts = contacts(&found, threshold);
 
     if let (Some(path), Some(format)) = (&args.output, format) {
-        write(path, format, &joints, &rows(&found, threshold)).map_err(CliError::file)?;
+        let link = args.wrench_link.as_deref().unwrap_or_default();
+        write(path, format, &joints, &rows(&found, threshold, link)).map_err(CliError::file)?;
     }
     let is_identified = settings.robot.arm.is_some();
     print(args, (&found, &contacts, &joints), (threshold, from, is_identified), output)
@@ -173,7 +174,7 @@ fn open(
     Ok((touches, arm, model.for_differentiation(differentiation)))
 }
 
-fn rows(found: &[TouchTorques], threshold: f64) -> Vec<TorqueRow<'_>> {
+fn rows<'a>(found: &'a [TouchTorques], threshold: f64, link: &'a str) -> Vec<TorqueRow<'a>> {
     let rows = found.iter().flat_map(|touch| {
         touch.frames.iter().map(move |frame| TorqueRow {
             touch: &touch.name,
@@ -183,7 +184,11 @@ fn rows(found: &[TouchTorques], threshold: f64) -> Vec<TorqueRow<'_>> {
             std: frame.external.std.as_slice(),
             statistic: frame.statistic,
             touched: frame.statistic > threshold,
-            wrench: frame.wrench.map(|wrench| wrench.into()),
+            wrench: frame.wrench.map(|wrench| WrenchRow {
+                link,
+                in_base: wrench.in_base.into(),
+                in_link: wrench.in_link.into(),
+            }),
         })
     });
     rows.collect()

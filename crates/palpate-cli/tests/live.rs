@@ -92,7 +92,8 @@ fn needs_cyclonedds_an_identified_arm_publishes_how_sure_its_torques_are_with_a_
     );
     fs::write(&path, text).unwrap();
     let arm = ["--arm", path.to_str().unwrap()];
-    for (more, is_mapped) in [(&[][..], true), (&["--no-map"], false)] {
+    let wrench = ["--no-map", "--wrench-link", "Bracelet_Link"];
+    for (more, is_mapped) in [(&[][..], true), (&wrench, false)] {
         let domain = Domain::take();
         let mut live = Live::start(&domain, &[&arm, more].concat());
         let arguments = ["--rate", "100", "--seconds", "6", "--until-received", "--identified"];
@@ -101,6 +102,11 @@ fn needs_cyclonedds_an_identified_arm_publishes_how_sure_its_torques_are_with_a_
         let received = |topic: &str| robot["received"][format!("rt/palpate/{topic}")].as_u64();
         assert!(received("torque_std") > Some(0), "{robot}");
         assert_eq!(received("torque_std"), received("touched"), "{robot}");
+        if !is_mapped {
+            let force: Vec<f64> = serde_json::from_value(robot["wrench"][1].clone()).unwrap();
+            assert_eq!(robot["wrench"][0], "Bracelet_Link");
+            assert!(force.iter().any(|force| *force != 0.0), "{robot}");
+        }
         live.end();
         let lines = live.lines();
         let mut lines = lines.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
@@ -108,6 +114,9 @@ fn needs_cyclonedds_an_identified_arm_publishes_how_sure_its_torques_are_with_a_
         assert_eq!(touches, is_mapped, "{}", live.lines());
     }
     refuse(palpate().args(["live", "--localhost", "--no-map"]), 2, &["--torque-sign", "--gravity"]);
+    refuse(palpate().args(["live", "--wrench-link", "hand"]), 2, &["--no-map"]);
+    let arguments = ["live", "--localhost", "--arm", arm[1], "--no-map", "--wrench-link", "hand"];
+    refuse(palpate().args(arguments), 2, &["no link `hand`", "Bracelet_Link"]);
     let arguments = ["live", "--guard", "5", "--localhost", "--arm", arm[1]];
     refuse(palpate().args(arguments), 2, &["leave out --guard"]);
 }

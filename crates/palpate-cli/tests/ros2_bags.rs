@@ -9,6 +9,7 @@ use std::path::Path;
 use std::process::Command;
 
 use common::{Scene, json, palpate, plant, python, refuse, root, samples, succeed, write_touch};
+use nalgebra::Vector3;
 use palpate::{Robot, Sample};
 use palpate_io::field::{load, to_bytes};
 use serde_json::Value;
@@ -145,6 +146,41 @@ fn needs_rosbags_bags_written_here_are_read_by_rosbags_and_by_mcap_ros2() {
         for (state, sample) in states.iter().zip(samples) {
             assert_eq!(state["position"], serde_json::json!(sample.q), "{packed}");
             assert_eq!(state["effort"], serde_json::json!(sample.tau), "{packed}");
+        }
+    }
+}
+
+#[test]
+fn needs_rosbags_a_wrench_in_a_bag_is_that_of_the_table_in_the_frame_of_its_link() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |file: &str| {
+        let mut torque = palpate();
+        torque.arg("torque").arg(plant().join("seq_003")).arg("-o").arg(folder.path().join(file));
+        succeed(torque.args(["--json", "--wrench-link", "Bracelet_Link"]));
+        folder.path().join(file)
+    };
+    let bag = write("torques.mcap");
+    let all = lines("read", &bag);
+    assert_eq!(lines("read-mcap", &bag), all, "the two readers differ");
+    let wrenches = all.iter().filter(|line| line["topic"] == "/palpate/wrench");
+    let table = fs::read_to_string(write("torques.csv")).unwrap();
+    let mut rows = table.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let names = rows.next().unwrap();
+    let columns = ["fx", "fy", "fz", "mx", "my", "mz"]
+        .map(|name| names.iter().position(|own| *own == name).unwrap());
+    let robot = Robot::built_in("kinova_gen3").unwrap();
+    let link = robot.link_id("Bracelet_Link").unwrap();
+    let (rows, samples) = (rows.collect::<Vec<_>>(), samples(&plant().join("seq_003")));
+    assert_eq!([rows.len(), samples.len(), wrenches.clone().count()], [400; 3]);
+    for ((wrench, row), sample) in wrenches.zip(rows).zip(samples) {
+        assert_eq!(wrench["link"], "Bracelet_Link");
+        let found: Vec<f64> = serde_json::from_value(wrench["wrench"].clone()).unwrap();
+        let wanted = columns.map(|column| row[column].parse::<f64>().unwrap());
+        let rotation = robot.forward(&sample.q).unwrap().world_from_link[link.index()].rotation;
+        for of in [0, 3] {
+            let [found, wanted] =
+                [&found[of..], &wanted[of..]].map(|own| Vector3::new(own[0], own[1], own[2]));
+            assert!((rotation * found - wanted).norm() < 1e-9, "{found} in the link, {wanted}");
         }
     }
 }

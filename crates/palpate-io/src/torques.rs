@@ -8,6 +8,7 @@
 //! | `/palpate/external_torque`    | `sensor_msgs/JointState`     | positions, external torques as efforts      |
 //! | `/palpate/external_torque_std`| `std_msgs/Float64MultiArray` | standard deviations, in the same order      |
 //! | `/palpate/touched`            | `std_msgs/Bool`              | whether something is touched                |
+//! | `/palpate/wrench`             | `geometry_msgs/WrenchStamped`| if there is one: the wrench, in the link's frame |
 //! | `/palpate/touch`              | `std_msgs/String`            | name, before the first sample of each touch |
 
 use std::io::{self, Seek, Write};
@@ -33,8 +34,19 @@ pub struct TorqueRow<'a> {
     pub statistic: f64,
     /// Whether a contact is detected.
     pub touched: bool,
-    /// Wrench at a link: force, N, then moment, N·m.
-    pub wrench: Option<[f64; 6]>,
+    /// Wrench at a link.
+    pub wrench: Option<WrenchRow<'a>>,
+}
+
+/// Wrench at the origin of a link: force, N, then moment, N·m.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WrenchRow<'a> {
+    /// Name of the link.
+    pub link: &'a str,
+    /// Along the axes of the base, for tables.
+    pub in_base: [f64; 6],
+    /// Along the axes of the link, for bags.
+    pub in_link: [f64; 6],
 }
 
 /// File format of external torques.
@@ -87,7 +99,9 @@ fn columns<'a>(joints: &'a [String], rows: &'a [TorqueRow<'a>]) -> Vec<(String, 
     columns.push(("statistic".to_owned(), rows.iter().map(|row| row.statistic).collect()));
     if rows.iter().any(|row| row.wrench.is_some()) {
         for (k, name) in ["fx", "fy", "fz", "mx", "my", "mz"].iter().enumerate() {
-            let own = rows.iter().map(|row| row.wrench.map_or(f64::NAN, |wrench| wrench[k]));
+            let own = rows
+                .iter()
+                .map(|row| row.wrench.as_ref().map_or(f64::NAN, |wrench| wrench.in_base[k]));
             columns.push(((*name).to_owned(), own.collect()));
         }
     }
@@ -165,6 +179,9 @@ fn mcap(out: impl Write + Seek, joints: &[String], rows: &[TorqueRow<'_>]) -> io
             bag.touch(row.touch)?;
         }
         bag.torque((row.time_s, row.q, row.torque), row.std, row.touched)?;
+        if let Some(WrenchRow { link, in_link, .. }) = &row.wrench {
+            bag.wrench(row.time_s, link, in_link)?;
+        }
     }
     bag.finish()
 }

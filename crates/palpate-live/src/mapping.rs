@@ -26,7 +26,7 @@ use crate::session::{Session, SessionState, StepOutcome};
 use crate::threads::{JointMessage, Shared};
 use crate::timer::Timer;
 use crate::view_feed::ViewFeed;
-use crate::wrench::{with_released, wrenches};
+use crate::wrench::{stamped, with_released, wrenches};
 
 /// Largest wait for a sample; requests are answered in between.
 const PAUSE: Duration = Duration::from_millis(2);
@@ -231,6 +231,11 @@ impl<'a> Mapping<'a> {
                 detection: outcome.detection,
             });
         }
+        if let Some((link, wrench)) = outcome.wrench {
+            let frame_id = self.session.mapper().arm().robot.links()[link.index()].name.clone();
+            let wrench = stamped(&wrench, Header { stamp: self.header.stamp, frame_id });
+            self.shared.outbox.wrenches.push(vec![wrench]);
+        }
         if let Some(why) =
             outcome.convention_warning.filter(|_| !std::mem::replace(&mut self.noted_misread, true))
         {
@@ -262,7 +267,8 @@ impl<'a> Mapping<'a> {
             checkpoints.tick(|| SavedField::of_mapper(session.mapper()));
         }
         // With a backlog of samples, clouds would delay them further.
-        if shared.samples.len() <= BACKLOG && session.state() == SessionState::Mapping {
+        let is_mapping = session.maps() && session.state() == SessionState::Mapping;
+        if shared.samples.len() <= BACKLOG && is_mapping {
             self.publish_clouds(now);
         }
         if self.figures_due.is_due(now) {

@@ -12,10 +12,10 @@
 use std::collections::VecDeque;
 
 use nalgebra::DVector;
-use palpate::unstable::{PauseConfig, PauseDetector, TouchLog};
+use palpate::unstable::{LinkId, PauseConfig, PauseDetector, TouchLog};
 use palpate::{
-    ExternalTorque, ExternalTorqueConfig, Gravity, Mapper, MapperError, ReplayPolicy, Sample,
-    SettingError, StepReport, Tare, TorqueSign, TorqueStream, TrackerError,
+    ExternalTorque, ExternalTorqueConfig, Gravity, LinkWrench, Mapper, MapperError, ReplayPolicy,
+    Sample, SettingError, StepReport, Tare, TorqueSign, TorqueStream, TrackerError,
 };
 use serde::{Deserialize, Serialize};
 
@@ -78,6 +78,8 @@ pub struct StepOutcome {
     pub tare: Vec<Sample>,
     /// Standard deviation of τ_ext and detected contact, for an identified arm.
     pub detection: Option<Detection>,
+    /// The wrench that explains τ_ext best, at the link of [`Session::with_wrench_at`].
+    pub wrench: Option<(LinkId, LinkWrench)>,
     /// Why the sample or its touch could not be followed.
     pub fault: Option<String>,
     /// Report that sign or gravity of the torques seem wrong, with the flags that fit.
@@ -127,6 +129,8 @@ struct Identified {
     threshold: f64,
     /// Whether only external torques are computed and nothing is mapped.
     alone: bool,
+    /// Link at whose origin the wrench is computed, if nothing is mapped.
+    wrench_link: Option<LinkId>,
 }
 
 impl Session {
@@ -172,8 +176,22 @@ impl Session {
     /// mapped.
     #[must_use]
     pub fn identified(mut self, torques: TorqueStream, threshold: f64, alone: bool) -> Self {
-        self.identified = Some(Identified { torques, threshold, alone });
+        self.identified = Some(Identified { torques, threshold, alone, wrench_link: None });
         self
+    }
+
+    /// If nothing is mapped ([`Session::identified`]): also computes the wrench at the origin of a link.
+    #[must_use]
+    pub fn with_wrench_at(mut self, link: LinkId) -> Self {
+        if let Some(identified) = &mut self.identified {
+            identified.wrench_link = Some(link);
+        }
+        self
+    }
+
+    /// Whether a field is mapped, rather than external torques alone.
+    pub fn maps(&self) -> bool {
+        !self.identified.as_ref().is_some_and(|identified| identified.alone)
     }
 
     /// Prepares a sample of the robot for [`Session::take`]: with an identified arm, replaces its torques by external
@@ -194,12 +212,13 @@ impl Session {
     /// Takes the next sample, prepared by [`Session::external`].
     pub fn take(&mut self, sample: &Sample) -> StepOutcome {
         let mut outcome = StepOutcome::default();
-        if self.identified.as_ref().is_some_and(|identified| identified.alone) {
+        if !self.maps() {
             (self.state, self.last) = (SessionState::Mapping, Some(sample.clone()));
             let torque = DVector::from_column_slice(&sample.tau);
             let nothing = DVector::zeros(torque.len());
             outcome.torques = Some((torque, nothing));
             outcome.detection = self.detection(&outcome, sample);
+            outcome.wrench = self.wrench(sample);
             return outcome;
         }
         if self.has_jumped(sample) {
@@ -239,6 +258,16 @@ impl Session {
             ExternalTorque { torque: torque.clone(), std: DVector::from_column_slice(std) };
         let touched = external.statistic() > self.identified.as_ref()?.threshold;
         Some(Detection { std_n_m: std.clone(), touched })
+    }
+
+    /// The wrench that explains the external torque of a sample, at the link for which it is wanted.
+    fn wrench(&self, sample: &Sample) -> Option<(LinkId, LinkWrench)> {
+        let link = self.identified.as_ref()?.wrench_link?;
+        let robot = &self.mapper.arm().robot;
+        let poses = robot.forward(&sample.q).ok()?;
+        let [torque, std] =
+            [&sample.tau, sample.tau_std.as_ref()?].map(|of| DVector::from_column_slice(of));
+        Some((link, ExternalTorque { torque, std }.wrench_at(robot, &poses, link)))
     }
 
     /// Whether the guard refuses these samples of a pause as a tare.

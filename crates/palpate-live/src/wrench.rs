@@ -1,8 +1,9 @@
-//! Wrenches that the object exerts on the touching links, predicted by the field.
+//! Wrenches on links: those that the object exerts on the touching links, predicted by the field, or the one that explains
+//! the measured torque.
 
 use nalgebra::{Isometry3, Vector3};
-use palpate::Mapper;
 use palpate::unstable::LinkContacts;
+use palpate::{LinkWrench, Mapper};
 
 use crate::message::{Header, Stamp, Wrench, WrenchStamped};
 
@@ -28,6 +29,12 @@ pub(crate) fn wrenches(
         WrenchStamped { header: Header { stamp, frame_id }, wrench: Wrench { force, torque } }
     };
     mapper.contacts().links.into_iter().map(of_link).collect()
+}
+
+/// A wrench as a message, in the frame of its link, which the header names.
+pub(crate) fn stamped(wrench: &LinkWrench, header: Header) -> WrenchStamped {
+    let [fx, fy, fz, mx, my, mz] = wrench.in_link.into();
+    WrenchStamped { header, wrench: Wrench { force: [fx, fy, fz], torque: [mx, my, mz] } }
 }
 
 /// Adds one zero wrench for each link whose contact has ended. `pressed` are the links that were in contact at the

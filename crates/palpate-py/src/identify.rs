@@ -202,8 +202,9 @@ pub(crate) fn external_torques<'py>(
         dict.set_item("statistic", flat(py, statistics))?;
         dict.set_item("threshold", threshold)?;
         let wrenches = frames.iter().filter_map(|frame| frame.wrench);
-        let wrenches =
-            wrench_link.map(|_| table(py, wrenches.flat_map(<[f64; 6]>::from).collect(), 6));
+        let wrenches = wrench_link.map(|_| {
+            table(py, wrenches.flat_map(|wrench| <[f64; 6]>::from(wrench.in_base)).collect(), 6)
+        });
         dict.set_item("wrench", wrenches)?;
         list.append(dict)?;
     }

@@ -4,9 +4,9 @@ use std::collections::HashMap;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
-use nalgebra::{DMatrix, DVector, Vector6};
-use palpate::unstable::{LinkId, Poses};
-use palpate::{Arm, ExternalTorque, FalseAlarmModel, Robot, TorqueModel, TrackerError};
+use nalgebra::DVector;
+use palpate::unstable::LinkId;
+use palpate::{Arm, ExternalTorque, FalseAlarmModel, LinkWrench, Robot, TorqueModel, TrackerError};
 use serde::Serialize;
 
 use crate::error::WorkError;
@@ -77,9 +77,8 @@ pub struct TorqueFrame {
     pub external: ExternalTorque,
     /// Largest ratio of |torque| to its standard deviation over the joints.
     pub statistic: f64,
-    /// Wrench that explains the torque best: force, N, and moment, N·m, at the origin of the link, along the axes of
-    /// the robot's base.
-    pub wrench: Option<Vector6<f64>>,
+    /// Wrench at the link of the settings that explains the torque best.
+    pub wrench: Option<LinkWrench>,
 }
 
 /// A time interval of contact.
@@ -148,7 +147,7 @@ pub fn torques(
             let wrench = match settings.wrench_link {
                 Some(link) => {
                     let poses = arm.robot.forward(&sample.q).map_err(TrackerError::from);
-                    Some(wrench(&arm.robot, &poses.map_err(fault)?, link, &external))
+                    Some(external.wrench_at(&arm.robot, &poses.map_err(fault)?, link))
                 }
                 None => None,
             };
@@ -303,27 +302,6 @@ pub fn wrench_link(robot: &Robot, name: &str) -> Result<LinkId, WorkError> {
     })
 }
 
-/// The wrench at a link's origin that explains the torques best, each weighted by the inverse of its standard
-/// deviation; components that the torques do not determine are zero.
-fn wrench(robot: &Robot, poses: &Poses, link: LinkId, external: &ExternalTorque) -> Vector6<f64> {
-    let origin = poses.world_from_link[link.index()].translation.vector;
-    let spatial = robot.spatial_jacobian(poses, link);
-    let mut at_link: DMatrix<f64> = DMatrix::zeros(6, spatial.ncols());
-    for (j, column) in spatial.column_iter().enumerate() {
-        let angular = column.fixed_rows::<3>(3).into_owned();
-        let linear = column.fixed_rows::<3>(0) + angular.cross(&origin);
-        at_link.fixed_view_mut::<3, 1>(0, j).copy_from(&linear);
-        at_link.fixed_view_mut::<3, 1>(3, j).copy_from(&angular);
-    }
-    let weights = external.std.map(|std| 1.0 / std);
-    let weighted = DMatrix::from_diagonal(&weights) * at_link.transpose();
-    let torque = external.torque.component_mul(&weights);
-    let decomposed = weighted.svd(true, true);
-    let smallest = 1e-3 * decomposed.singular_values.max();
-    let found = decomposed.solve(&torque, smallest).unwrap_or_else(|_| DVector::zeros(6));
-    Vector6::from_column_slice(found.as_slice())
-}
-
 /// The threshold, in standard deviations, that contact-free motion exceeds `false_alarms_per_hour` times an hour, and
 /// what it was found from.
 ///
@@ -397,26 +375,7 @@ pub fn contacts(touches: &[TouchTorques], threshold: f64) -> Vec<ContactInterval
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::vector;
-
     use super::*;
-
-    #[test]
-    fn a_wrench_at_a_link_is_found_from_its_torques() {
-        let robot = Robot::built_in("kinova_gen3").unwrap();
-        let poses = robot.forward(&[0.1, 0.7, -0.4, 1.1, 0.3, -0.8, 0.5]).unwrap();
-        let link = robot.link_id("EndEffector_Link").unwrap();
-        let (force, moment) = (vector![3.0, -2.0, 7.0], vector![0.3, 0.1, -0.2]);
-        // About the world's origin, as the spatial Jacobian has it.
-        let origin = poses.world_from_link[link.index()].translation.vector;
-        let about_origin = moment + origin.cross(&force);
-        let pushed = Vector6::from_iterator(force.iter().chain(&about_origin).copied());
-        let torque = robot.spatial_jacobian(&poses, link).transpose() * pushed;
-        let std = DVector::from_fn(torque.len(), |j, _| 0.1 + 0.05 * j as f64);
-        let found = wrench(&robot, &poses, link, &ExternalTorque { torque, std });
-        let wanted = Vector6::from_iterator(force.iter().chain(&moment).copied());
-        assert!((found - wanted).amax() < 1e-9, "{found}");
-    }
 
     #[test]
     fn a_high_threshold_is_named_in_torques() {

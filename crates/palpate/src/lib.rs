@@ -111,8 +111,8 @@ pub use sdf::BakeConfig;
 pub use setting::SettingError;
 pub use tare::{MIN_TARE_FRAMES, Tare};
 pub use torque_model::{
-    Causal, Differentiation, ExternalTorque, FalseAlarmModel, JointFriction, JointModel, Ripple,
-    TorqueModel, TorqueNoise, TorqueStream, external_torques,
+    Causal, Differentiation, ExternalTorque, FalseAlarmModel, JointFriction, JointModel,
+    LinkWrench, Ripple, TorqueModel, TorqueNoise, TorqueStream, external_torques,
 };
 pub use tracker::{Sample, TrackerError};
 

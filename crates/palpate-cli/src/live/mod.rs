@@ -28,7 +28,7 @@ use palpate_live::session::Session;
 use palpate_live::{LiveConfig, LiveElasticBody, QuerySocket, SessionEvent, run as run_live};
 use palpate_work::Progress;
 use palpate_work::settings::named;
-use palpate_work::torque::{ThresholdSource, threshold};
+use palpate_work::torque::{ThresholdSource, threshold, wrench_link};
 use palpate_work::tune::{Tune, given};
 use palpate_work::{arm_file, prior, resume, robot};
 use tempfile::NamedTempFile;
@@ -67,7 +67,7 @@ sensor_msgs/msg/JointState with efforts, or of control_msgs/msg/DynamicJointStat
   /palpate/touched           with --arm or --no-map: whether something is touched (Bool)
   /palpate/contacts          points in contact, displacements, stiffness (PointCloud2)
   /palpate/field             the field near these points (PointCloud2)
-  /palpate/wrench            force and torque of the object on each touched link (WrenchStamped)
+  /palpate/wrench            force and torque of the object on each touched link, or with --wrench-link on that link (WrenchStamped)
   /palpate/stop              with --guard: whether the robot must stop (Bool, 50 times a second;
                              silence means stop)
   /palpate/guard             with --guard: the reason, with the time (DiagnosticArray)
@@ -167,6 +167,9 @@ pub(crate) struct Args {
     /// Map nothing: publish external torques, their standard deviations and whether something is touched
     #[arg(long, conflicts_with_all = ["output", "resume", "prior", "ask", "viewer", "guard", "cloud", "body"])]
     no_map: bool,
+    /// With --no-map: also publish the force and moment at the origin of this link that explain the torques best
+    #[arg(long, value_name = "LINK", requires = "no_map")]
+    wrench_link: Option<String>,
     /// Print figures (once per second) and notes as lines of JSON, in place of the view
     #[arg(long)]
     json_lines: bool,
@@ -341,7 +344,11 @@ impl Args {
                 "warning: the contact threshold is a guess; identify the arm with `palpate identify`",
             );
         }
-        Ok(session.identified(stream, threshold, self.no_map))
+        let session = session.identified(stream, threshold, self.no_map);
+        match &self.wrench_link {
+            Some(name) => Ok(session.with_wrench_at(wrench_link(&arm.robot, name)?)),
+            None => Ok(session),
+        }
     }
 
     /// The model of the identified arm, and the convention of its torques; `None` without --arm and --no-map.

@@ -23,6 +23,7 @@ mod friction;
 mod local_polynomial;
 mod ripple;
 mod stamps;
+mod wrench;
 
 pub use alarm::FalseAlarmModel;
 pub use external::{
@@ -33,6 +34,7 @@ pub use friction::{FrictionState, JointFriction};
 pub use local_polynomial::{LocalPolynomial, PolynomialFit, Window};
 pub use ripple::{RIPPLE_COEFFICIENTS, Ripple};
 pub use stamps::with_read_times;
+pub use wrench::LinkWrench;
 
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};

@@ -86,6 +86,21 @@ uint32 size
 uint32 stride
 ";
 
+const WRENCH: &str = "std_msgs/Header header
+geometry_msgs/Wrench wrench
+";
+const WRENCH_PARTS: &str =
+    "================================================================================
+MSG: geometry_msgs/Wrench
+geometry_msgs/Vector3 force
+geometry_msgs/Vector3 torque
+================================================================================
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+";
+
 /// Writes a bag, message by message.
 struct Bag<W: Write + Seek> {
     writer: Writer<W>,
@@ -220,6 +235,8 @@ pub(crate) struct TorqueWriter<W: Write + Seek> {
     torques: BagWriter<W>,
     stds: u16,
     touched: u16,
+    /// The channel of wrenches, once there is one.
+    wrenches: Option<u16>,
 }
 
 impl<W: Write + Seek> TorqueWriter<W> {
@@ -236,7 +253,7 @@ impl<W: Write + Seek> TorqueWriter<W> {
         let stds = torques.bag.channel("/palpate/external_torque_std", kind, &array)?;
         let touched =
             torques.bag.channel("/palpate/touched", "std_msgs/msg/Bool", "bool data\n")?;
-        Ok(Self { torques, stds, touched })
+        Ok(Self { torques, stds, touched, wrenches: None })
     }
 
     /// Starts a touch.
@@ -270,6 +287,34 @@ impl<W: Write + Seek> TorqueWriter<W> {
         });
         bag.put(self.stds, now_ns, &stds)?;
         bag.put(self.touched, now_ns, &message(|out| out.write_bool(touched)))
+    }
+
+    /// Writes the wrench at the last sample, N and N·m, about the origin of a link and in its frame.
+    ///
+    /// # Errors
+    ///
+    /// As [`TouchWriter::sample`].
+    pub(crate) fn wrench(
+        &mut self,
+        time_s: Option<f64>,
+        link: &str,
+        wrench: &[f64; 6],
+    ) -> io::Result<()> {
+        let time_ns = time_s.map(nanoseconds).transpose()?.unwrap_or(0);
+        let (bag, now_ns) = (&mut self.torques.bag, self.torques.latest_ns);
+        let channel = match self.wrenches {
+            Some(channel) => channel,
+            None => {
+                let definition = [WRENCH, HEADER, WRENCH_PARTS].concat();
+                let kind = "geometry_msgs/msg/WrenchStamped";
+                *self.wrenches.insert(bag.channel("/palpate/wrench", kind, &definition)?)
+            }
+        };
+        let data = message(|out| {
+            header(out, time_ns, link);
+            wrench.iter().for_each(|&number| out.write_f64(number));
+        });
+        bag.put(channel, now_ns, &data)
     }
 
     /// Ends the bag.
