@@ -264,8 +264,8 @@ fn needs_rosbags_arms_are_identified_from_measured_torques_in_the_messages_of_ma
         fs::remove_file(path("arm.toml")).unwrap();
     }
     // Beside a log of measured torques.
-    let (_, said) = printed(identify(&path("bags/lbr")).arg(path("free/seq_1")).arg("--json"));
-    holds(&said, &["the measured torques are read"]);
+    let (_, said) = printed(identify(&path("free/seq_1")).arg(path("bags/lbr")).arg("--json"));
+    holds(&said, &["lbr`: the measured torques are read"]);
 }
 
 #[test]

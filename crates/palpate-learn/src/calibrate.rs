@@ -104,7 +104,7 @@ pub fn calibrate(
     if train.len() < FEWEST {
         return Ok(None);
     }
-    let mut config = for_thinned(config, tracked.thinning.every);
+    let mut config = for_thinned(config, tracked.thinning);
     config.estimator.replays = config.estimator.replays.min(REPLAYS);
     let held_out: Vec<Vec<Vec<PredictedFrame>>> = among(train, train.len().min(MAX_FOLDS))
         .par_iter()

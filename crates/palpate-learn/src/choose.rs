@@ -61,7 +61,8 @@ pub fn pick(
     Ok((kept, are_all))
 }
 
-/// The touches; of more than [`MAX_SIMULATED`], those are empty in which the torque changes less than in so many others.
+/// The touches; if there are more than [`MAX_SIMULATED`], only those with the largest change of torque keep their samples,
+/// and the others are empty.
 fn candidates<'a>(
     (arm, config): (&Arc<Arm>, &MapperConfig),
     touches: &[&'a [Sample]],

@@ -1,9 +1,9 @@
-//! Bounds the time of choosing settings from a long log: of its touches, fewer samples are simulated.
+//! Reduces the time of choosing settings from a long log: of its touches, only every n-th sample is simulated.
 //!
 //! The simulator cuts the motion between two samples into sub-steps. So a touch of which only every n-th sample is
 //! simulated takes nearly the same path in fewer steps: the arm often moves by 1 to 3 mm between samples, and a sub-step
-//! may be 6 mm. If that is not enough, the ends of touches are left out. Contacts depend on the motion since the start
-//! of the touch, so the start is never left out.
+//! may be 6 mm. No part of a touch is left out: contacts depend on the motion since its start, and the largest torques
+//! often come at its end.
 
 use std::sync::Arc;
 
@@ -12,41 +12,11 @@ use palpate::unstable::{Downsampling, Tracker};
 use palpate::{Arm, MapperConfig, Sample, SettingError, Tare};
 use rayon::prelude::*;
 
-/// Which of the samples that are learnt ([`Downsampling`]) are simulated, after the tare.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Thinning {
-    /// Every n-th sample is simulated; this is n, at least 1.
-    pub(crate) every: usize,
-    /// The part of each touch, from its first sample on, that is simulated, above 0 and up to 1.
-    pub(crate) part: f64,
-}
-
-/// Largest [`Thinning::every`]: 0.4 s at 20 Hz.
+/// Of the samples that are learnt ([`Downsampling`]), one of this many is simulated at least: one in 0.4 s at 20 Hz.
 const MOST: usize = 8;
 
-/// A thinning is not increased if this gains less than a tenth of a touch: a fast arm needs as many steps with fewer
-/// samples.
+/// A fast arm needs as many steps with fewer samples, so no more are left out if that saves less than a tenth.
 const NEARLY: f64 = 0.9;
-
-impl Default for Thinning {
-    /// All samples.
-    fn default() -> Self {
-        Self { every: 1, part: 1.0 }
-    }
-}
-
-impl Thinning {
-    /// Whether the sample is simulated that is the `learnt`-th (from 0) of those learnt after the tare, and the
-    /// `index`-th of the `samples` of its touch.
-    pub(crate) fn takes(self, learnt: usize, place: (usize, usize)) -> bool {
-        learnt.is_multiple_of(self.every) && self.reaches(place)
-    }
-
-    /// Whether the `index`-th of the `samples` of a touch is in the part that is simulated.
-    pub(crate) fn reaches(self, (index, samples): (usize, usize)) -> bool {
-        index as f64 <= self.part * samples as f64
-    }
-}
 
 /// How far the arm moves in some touches.
 pub(crate) struct Ways {
@@ -62,25 +32,18 @@ impl Ways {
         Self { ways_m, substep_m: config.contact.substep_cells * config.lattice.spacing_m() }
     }
 
-    /// About the number of steps of the simulator.
-    pub(crate) fn steps(&self, Thinning { every, part }: Thinning) -> f64 {
+    /// About the number of steps of the simulator, if every n-th sample is simulated.
+    pub(crate) fn steps(&self, n: usize) -> f64 {
         let of_way = |way_m: &[f64]| (way_m.iter().sum::<f64>() / self.substep_m).ceil().max(1.0);
-        let ways = self.ways_m.iter().flat_map(|ways_m| ways_m.chunks(every));
-        part * ways.map(of_way).sum::<f64>()
+        self.ways_m.iter().flat_map(|ways_m| ways_m.chunks(n)).map(of_way).sum()
     }
 
-    /// A thinning of samples that are thinned already, with which there are at most `steps` steps: the least one with
-    /// which the simulated part of each touch is at least [`NEARLY`] the largest possible.
-    pub(crate) fn thinned_to(&self, steps: f64, from: Thinning) -> Thinning {
-        let thinned = |every| {
-            let needed = self.steps(Thinning { every, ..from });
-            Thinning { every, part: from.part * (steps / needed).min(1.0) }
-        };
-        let multiples = (from.every..=MOST.max(from.every)).step_by(from.every).map(thinned);
-        let multiples: Vec<Thinning> = multiples.collect();
-        let most = multiples.iter().map(|thinning| thinning.part).fold(0.0, f64::max);
-        let found = multiples.into_iter().find(|thinning| thinning.part >= NEARLY * most);
-        found.unwrap_or(from)
+    /// The least multiple of `n` up to [`MOST`] with which there are at most `steps` steps, or nearly as few as possible.
+    pub(crate) fn thinned_to(&self, steps: f64, n: usize) -> usize {
+        let multiples = || (n..=MOST.max(n)).step_by(n);
+        let fewest = multiples().map(|n| self.steps(n)).fold(f64::INFINITY, f64::min);
+        let enough = steps.max(fewest / NEARLY);
+        multiples().find(|&n| self.steps(n) <= enough).unwrap_or(n)
     }
 }
 
@@ -128,27 +91,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_slow_arm_is_thinned_and_of_a_fast_one_the_ends_are_left_out() {
+    fn a_slow_arm_is_thinned_until_the_steps_suffice_and_a_fast_one_is_not() {
         // 1 to 3 mm, or three times the sub-step, from sample to sample.
         let ways = |way_m: fn(usize) -> f64| {
             let ways_m = [1_000, 400].map(|samples| (0..samples).map(way_m).collect()).to_vec();
             Ways { ways_m, substep_m: 0.006 }
         };
         let (slow, fast) = (ways(|at| 0.001 * (1 + at % 3) as f64), ways(|_| 0.0179));
-        assert_eq!([&slow, &fast].map(|ways| ways.steps(Thinning::default())), [1_400.0, 4_200.0]);
-        for from in [Thinning::default(), Thinning { every: 3, part: 0.9 }] {
-            assert_eq!(fast.thinned_to(2_100.0, from).every, from.every);
-            let mut before = from;
-            for steps in [1_500.0, 700.0, 600.0, 520.0, 300.0, 20.0] {
-                let found = slow.thinned_to(steps, from);
-                assert!(slow.steps(found) <= steps + 1e-9, "{found:?}");
-                assert!(found.every.is_multiple_of(from.every) && found.every >= before.every);
-                assert!(found.part <= before.part + 0.1 && found.part > 0.0, "{found:?}");
+        assert_eq!([&slow, &fast].map(|ways| ways.steps(1)), [1_400.0, 4_200.0]);
+        for n in [1, 3] {
+            assert_eq!(fast.thinned_to(20.0, n), n);
+            let mut before = n;
+            for steps in [1_500.0, 700.0, 600.0, 520.0, 20.0] {
+                let found = slow.thinned_to(steps, n);
+                assert!(found.is_multiple_of(n) && found >= before && found <= MOST, "{found}");
+                assert!(slow.steps(found) <= steps || slow.steps(found) < 0.5 * slow.steps(1));
                 before = found;
             }
-            assert!(before.every >= 3 && before.part < 0.1, "{before:?}");
+            assert!(before >= 3, "{before}");
         }
-        assert_eq!(slow.thinned_to(1_400.0, Thinning::default()), Thinning::default());
-        assert_eq!(slow.thinned_to(750.0, Thinning::default()).every, 2);
+        assert_eq!([1_400.0, 750.0].map(|steps| slow.thinned_to(steps, 1)), [1, 2]);
     }
 }

@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use crate::elastic::{BodyTorques, ConvergenceCounts};
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::regression::Frames;
-use crate::thinning::{Thinning, Ways};
+use crate::thinning::Ways;
 
 /// About the most steps of the simulator for a contact model in [`TrackedTouches::bounded`] and in [`largest_torques`]:
 /// a little more than sixteen simulated touches of 400 samples take.
@@ -52,8 +52,8 @@ pub struct TrackedTouches {
     pub points_m: Vec<[f64; 3]>,
     /// Number of joints of the arm.
     pub n_joints: usize,
-    /// Which of the learnt samples were simulated.
-    pub(crate) thinning: Thinning,
+    /// Every n-th of the learnt samples was simulated; this is n.
+    pub(crate) thinning: usize,
     /// All learnt samples after the tare, by touch, simulated or not.
     pub(crate) motions: Arc<[Vec<MotionFrame>]>,
     /// Torques of an elastic body along the touches, if there is a body.
@@ -138,7 +138,7 @@ impl TrackedTouches {
         stop: Stop<'_>,
     ) -> Result<Self, LearnError> {
         touches.iter().try_for_each(|touch| check_truth(touch, arm.robot.n_joints()))?;
-        Self::track(arm, config, (touches, Thinning::default()), (None, 1), stop)
+        Self::track(arm, config, (touches, 1), (None, 1), stop)
     }
 
     /// [`TrackedTouches::new`] with fewer samples of long touches, so that tracking them and [tuning](crate::tune) take
@@ -155,10 +155,10 @@ impl TrackedTouches {
     ) -> Result<Self, LearnError> {
         let samples: Vec<&[Sample]> = touches.iter().map(|touch| &touch.samples[..]).collect();
         let ways = Ways::of(arm, config, &samples);
-        let thinning = ways.thinned_to(STEPS, Thinning::default());
+        let thinning = ways.thinned_to(STEPS, 1);
         let mut tracked = Self::track(arm, config, (touches, thinning), (None, 1), stop)?;
         let most = CONTACTS / tracked.contacts_per_frame().max(1.0);
-        tracked.thin(ways.thinned_to(most, thinning), touches);
+        tracked.thin(ways.thinned_to(most, thinning));
         Ok(tracked)
     }
 
@@ -184,18 +184,14 @@ impl TrackedTouches {
         counts.sum::<usize>() as f64 / frames.count().max(1) as f64
     }
 
-    /// Drops frames; the new thinning is at least the present one.
-    fn thin(&mut self, thinning: Thinning, touches: &[TouchSamples]) {
-        let step = thinning.every / self.thinning.every;
-        for (touch, logged) in self.touches.iter_mut().zip(touches) {
+    /// Drops frames, so that every n-th of the learnt samples is left; n is a multiple of the present thinning.
+    fn thin(&mut self, n: usize) {
+        for touch in &mut self.touches {
             let mut number = 0..;
-            touch.frames.retain(|frame| {
-                let place = (frame.sample as usize, logged.samples.len());
-                number.next().is_some_and(|number: usize| number.is_multiple_of(step))
-                    && thinning.reaches(place)
-            });
+            let is_left = |number: usize| number.is_multiple_of(n / self.thinning);
+            touch.frames.retain(|_| number.next().is_some_and(is_left));
         }
-        self.thinning = thinning;
+        self.thinning = n;
     }
 
     /// Tracks every n-th frame again under another contact model, with the external torques of `self`.
@@ -276,7 +272,7 @@ impl TrackedTouches {
     fn track(
         arm: &Arc<Arm>,
         config: &MapperConfig,
-        (touches, thinning): (&[TouchSamples], Thinning),
+        (touches, thinning): (&[TouchSamples], usize),
         (like, every): (Option<&Self>, usize),
         stop: Stop<'_>,
     ) -> Result<Self, LearnError> {
@@ -408,7 +404,7 @@ pub fn largest_torques(
 ) -> Result<Vec<f64>, LearnError> {
     let (contact, touch) = (&config.contact, config.touch.clone());
     let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), contact, touch)?;
-    let is_long = Ways::of(arm, config, touches).steps(Thinning::default()) > STEPS;
+    let is_long = Ways::of(arm, config, touches).steps(1) > STEPS;
     let largest = |(number, samples): (usize, &&[Sample])| {
         let at = |sample, source: TrackerError| {
             let source = source.into();
@@ -484,7 +480,7 @@ struct Followed {
 /// and with their torques), and the torques during the tare, with the bias.
 fn follow(
     mut tracker: Tracker,
-    (number, touch, thinning): (usize, &TouchSamples, Thinning),
+    (number, touch, thinning): (usize, &TouchSamples, usize),
     (first, like, every): (Option<&Vec<f64>>, Option<&[TrackedFrame]>, usize),
     stop: Stop<'_>,
 ) -> Result<Followed, LearnError> {
@@ -505,7 +501,7 @@ fn follow(
             && match like {
                 Some(like) => (like.get(n_frames))
                     .is_some_and(|next| n_frames == 0 || next.sample == index as u32),
-                None => thinning.takes(followed.motion.len(), (index, touch.samples.len())),
+                None => followed.motion.len().is_multiple_of(thinning),
             };
         let tracked = match tracker.tare() {
             Some(_) if !is_simulated => None,

@@ -245,7 +245,7 @@ impl Tuner {
         let tracked: Vec<Result<_, LearnError>> = models.into_par_iter().map(of_model).collect();
         let tracked = tracked.into_iter().collect::<Result<_, _>>()?;
         let motion = OwnMotion::of(&arm.robot, &base.motions, MOTION_FRAMES);
-        let every = every * base.thinning.every;
+        let every = every * base.thinning;
         Ok(Self { search, tracked, every, motion })
     }
 

@@ -1,4 +1,4 @@
-//! Messages that wait to be sent to the network process. Torques wait in a bounded queue, whose oldest are
+//! Messages that wait to be sent to the network process. Torques and wrenches wait in bounded queues, whose oldest are
 //! dropped; of all other messages only the latest is kept.
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,7 +8,7 @@ use crate::latest_queue::LatestQueue;
 use crate::message::{DiagnosticArray, PointCloud2, WrenchStamped};
 use crate::ros::{NetworkProcess, ToNetwork, TorqueMessage};
 
-/// Capacity of the queue of torques.
+/// Capacity of the queues of torques and of wrenches, which belong to the same samples.
 const TORQUES: usize = 256;
 
 /// Messages that wait to be sent, and the state of the guard's flag as last sent.
@@ -20,7 +20,7 @@ pub(crate) struct Outbox {
     pub(crate) contacts: LatestQueue<PointCloud2>,
     /// The field near the contacts.
     pub(crate) field: LatestQueue<PointCloud2>,
-    /// The wrenches of the object on the links.
+    /// The wrenches on links.
     pub(crate) wrenches: LatestQueue<Vec<WrenchStamped>>,
     /// Diagnostics of the session.
     pub(crate) diagnostics: LatestQueue<DiagnosticArray>,
@@ -33,7 +33,7 @@ impl Default for Outbox {
             torques: LatestQueue::new(TORQUES),
             contacts: LatestQueue::new(1),
             field: LatestQueue::new(1),
-            wrenches: LatestQueue::new(1),
+            wrenches: LatestQueue::new(TORQUES),
             diagnostics: LatestQueue::new(1),
             was_up: AtomicBool::new(true),
         }

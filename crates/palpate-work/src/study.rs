@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use palpate::{Arm, MapperConfig};
+use palpate_learn::choose::MIN_TUNING_TOUCHES;
 use palpate_learn::study::{self, ObjectScores, StudyPlan};
 use palpate_learn::tracked::TouchSamples;
 use palpate_learn::tune::Search;
@@ -42,7 +43,8 @@ impl StudiedObject<'_> {
         plan: StudyPlan,
         progress: &dyn Progress,
     ) -> Result<ObjectScores, WorkError> {
-        let candidates = plan.choose.map(|given| Search::quick(&settings[0], given).candidates());
+        let chooses = plan.choose.filter(|_| self.touches.len() > MIN_TUNING_TOUCHES);
+        let candidates = chooses.map(|given| Search::quick(&settings[0], given).candidates());
         let rows = settings.len() + usize::from(candidates.is_some());
         let steps = (rows * self.touches.len() + candidates.unwrap_or(0)) as u64;
         let bar = progress.begin(Some(steps), "parts", self.name);

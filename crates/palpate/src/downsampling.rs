@@ -3,8 +3,8 @@
 //! The residual of the model is many times the noise of the sensors, and nearly equal in consecutive samples: fifty
 //! samples within 50 ms carry hardly more information than one of them. The estimator, however, takes samples as
 //! independent. The same touch, logged at fifty times the rate, would count fifty times as much against the prior, fill
-//! the memory and take fifty times the computation. So samples within `MIN_S` of the last learnt one are predicted,
-//! but not learnt from. Samples without times are selected by the mean displacement from sample to sample instead.
+//! the memory and take fifty times the computation. So samples within `MIN_S` of the last learnt one are not learnt
+//! from: they are predicted only, or passed over. Samples without times are selected by the mean displacement from sample to sample instead.
 
 use std::f64::consts::TAU;
 

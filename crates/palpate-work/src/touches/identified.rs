@@ -2,6 +2,7 @@
 //! read as a whole, since speeds are computed from the samples before and after.
 
 use std::collections::VecDeque;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use palpate::{Arm, Differentiation, ExternalTorqueConfig, Sample, TorqueModel, external_torques};
@@ -63,10 +64,11 @@ impl Touches {
         progress: &dyn Progress,
     ) -> Result<(), WorkError> {
         // To identify an arm, or to use an identified one, needs torques with gravity.
-        if (model.is_none() || settings.robot.arm.is_some()) && self.read_measured()? {
+        let needs_gravity = model.is_none() || settings.robot.arm.is_some();
+        if let Some(path) = needs_gravity.then(|| self.read_measured()).transpose()?.flatten() {
             progress.note(&format!(
                 "`{}`: the measured torques are read, which contain gravity, not the external ones",
-                self.first_path()
+                path.display()
             ));
         }
         let known = model.as_ref().map(|(model, _)| model);
@@ -84,12 +86,12 @@ impl Touches {
     }
 
     /// Reads measured torques, which contain gravity, in place of external ones, if every log of external torques
-    /// holds both; returns whether there are such logs. No touch may have been read before.
+    /// holds both; returns the path of the first such log. No touch may have been read before.
     ///
     /// # Errors
     ///
     /// If a log cannot be opened again.
-    pub fn read_measured(&mut self) -> Result<bool, WorkError> {
+    pub fn read_measured(&mut self) -> Result<Option<PathBuf>, WorkError> {
         Ok(self.logs.read_measured()?)
     }
 

@@ -35,27 +35,28 @@ impl Logs {
     }
 
     /// Begins anew with measured torques, which contain gravity, in place of external torques, if every log of external
-    /// torques holds both; returns whether there are such logs.
-    pub(super) fn read_measured(&mut self) -> Result<bool, LogError> {
+    /// torques holds both; returns the path of the first such log.
+    pub(super) fn read_measured(&mut self) -> Result<Option<PathBuf>, LogError> {
         let is_external =
             |log: &dyn Log| matches!(log.describe().torques, LoggedTorques::External(_));
-        if !self.logs.iter().any(|(_, log)| is_external(log.as_ref())) {
-            return Ok(false);
-        }
+        let Some((first, _)) = self.logs.iter().find(|(_, log)| is_external(log.as_ref())) else {
+            return Ok(None);
+        };
+        let first = first.clone();
         let mut measured = Vec::new();
         for ((path, log), options) in self.logs.iter().zip(&self.options) {
-            let Some(options) = options else { return Ok(false) };
+            let Some(options) = options else { return Ok(None) };
             let measured_torques = is_external(log.as_ref());
             let options = LogOptions { measured_torques, ..options.clone() };
             let again = log::open(path, &options)?;
             if is_external(again.as_ref()) {
-                return Ok(false);
+                return Ok(None);
             }
             measured.push((path.clone(), again));
         }
         (self.logs, self.reading, self.failed) = (measured, 0, None);
         self.ahead.clear();
-        Ok(true)
+        Ok(Some(first))
     }
 
     /// Adds logs that were not read from yet.

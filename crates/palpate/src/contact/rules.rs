@@ -309,3 +309,49 @@ impl HeldPoint {
         self.displacement_m = (placed.rotation * displacement).cast::<f32>().into();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::{Rng, SeedableRng};
+
+    use super::*;
+    use crate::{Arm, BakeConfig, Robot};
+
+    #[test]
+    fn points_are_projected_in_batches_as_one_by_one_to_the_bit() {
+        let ball = "<collision><geometry><sphere radius='0.05'/></geometry></collision>";
+        let urdf = format!(
+            "<robot name='r'><link name='base'/><link name='arm'>{ball}</link><joint name='a' type='continuous'>\
+             <parent link='base'/><child link='arm'/></joint></robot>"
+        );
+        let robot = Robot::from_urdf(&urdf).unwrap();
+        let bake = BakeConfig::new(0.005, 0.04);
+        let arm = Arm::bake(robot, &bake, |_| unreachable!("no meshes")).unwrap().0;
+        let surface = arm.surfaces[1].as_ref().unwrap();
+        let rules = ContactRules::new(&ContactConfig::default());
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let mut uniform = || f64::from(rng.next_u32()) / f64::from(u32::MAX);
+        for count in [0, 1, 7, 8, 9, 20] {
+            let mut point = |_| {
+                let rest = Point3::from([0; 3].map(|_| 0.06 * uniform() - 0.03));
+                let pose = Isometry3::identity();
+                let mut point = HeldPoint::new(CellId(0), rest, surface, &pose, &rules);
+                // From places outside the grid too.
+                point.anchor_link = Point3::from([0; 3].map(|_| 0.3 * uniform() - 0.15));
+                point
+            };
+            let mut points: Vec<HeldPoint> = (0..count).map(&mut point).collect();
+            let mut expected = points.clone();
+            expected.iter_mut().for_each(|point| point.project(surface, &rules));
+            // Every point but the first, in another order.
+            let mut off: Vec<u32> = (1..count).rev().collect();
+            rules.project(surface, &mut points, &mut off);
+            assert!(off.is_empty());
+            for (found, expected) in points.iter().zip(&expected).skip(1) {
+                assert_eq!(found.anchor_link, expected.anchor_link);
+                assert_eq!(found.normal_link, expected.normal_link);
+            }
+        }
+    }
+}

@@ -315,7 +315,7 @@ impl Mapper {
     ///
     /// # Errors
     ///
-    /// As [`Mapper::step`].
+    /// As [`Mapper::step`]; a jump of the arm to a sample that is passed over and back is not found.
     pub fn step_if_learnt(&mut self, sample: &Sample) -> Result<Option<StepReport>, MapperError> {
         match self.tracker.pass_over(sample)? {
             true => Ok(None),

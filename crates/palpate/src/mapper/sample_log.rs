@@ -56,14 +56,16 @@ impl LoggedTouch {
         })
     }
 
-    /// Whether its samples are the first ones, or all, of these, except that samples may be missing which were passed
-    /// over: joint positions, rad or m, and logged torques, N·m or N, samples × `n_joints` each. A touch without samples
-    /// is no start.
+    /// Whether its learnt samples are among the first ones, or all, of these, in the same order, from the first sample on:
+    /// joint positions, rad or m, and logged torques, N·m or N, samples × `n_joints` each. Samples that are not learnt
+    /// may have been passed over in one of the two. A touch without samples is no start.
     pub fn is_start_of(&self, q: &[f64], tau: &[f64], n_joints: usize) -> bool {
         let mut rows = q.chunks(n_joints).zip(tau.chunks(n_joints));
         let mut own = self.q.chunks(n_joints).zip(self.tau.chunks(n_joints));
         let starts = own.next().is_some_and(|first| rows.next() == Some(first));
-        starts && own.all(|own| rows.any(|row| row == own))
+        let skipped = self.skipped.iter().copied().chain(std::iter::repeat(false)).skip(1);
+        let mut learnt = own.zip(skipped).filter_map(|(own, skipped)| (!skipped).then_some(own));
+        starts && learnt.all(|own| rows.any(|row| row == own))
     }
 }
 
