@@ -266,7 +266,7 @@ fn text(studied: &[Studied], relative: &[Vec<Option<f64>>], chosen: &[Option<usi
     };
     text += &format!(
         "\nBy frames, under the {under}.\nLoading: the torque grows; met: other touches touched at least half of the \
-         points in contact; same way: other touches pushed these points within {NEAR_DEGREES}° of the same direction\n\n"
+         points in contact;\nsame way: other touches pushed these points within {NEAR_DEGREES}° of the same direction\n\n"
     );
     text += &parts(studied);
     let longest = studied.iter().map(|object| object.scores.by_touches_learnt.len()).max();
