@@ -16,6 +16,7 @@
 //! | `external`         | external torques of a touch, with their standard deviations           |
 //! | `stamps`           | times at which joints were read, if time stamps differ from them      |
 //! | `alarm`            | contact detection at a given rate of false alarms                     |
+//! | `wrench`           | wrench at a link that explains an external torque                     |
 
 mod alarm;
 mod external;
