@@ -30,10 +30,10 @@ has 1.00), then:
 
   best of each          the best settings of each object, which are not known beforehand
   chosen on the others  the settings that are best on average over all other objects
-  chosen by map         settings that `palpate map` chooses, for each touch on the other touches of its object
+  chosen by map         for each touch, the settings that `palpate map` chooses from the other touches
 
-The difference between the first two rows is what an object loses by settings that were chosen on \
-other objects, such as the defaults. The second table divides the frames, under the settings that \
+The difference between `best of each` and `chosen on the others` is what an object loses by settings \
+that were chosen on other objects, such as the defaults. The second table divides the frames, under the settings that \
 `map` chooses, or else under the given ones.";
 
 /// Flags of `palpate study`.
@@ -67,7 +67,7 @@ pub(crate) struct Args {
     /// Also predict from 1, 2, 4 and more touches, under the given settings
     #[arg(long)]
     curve: bool,
-    /// Whether `map` also chooses settings, with which each touch is predicted: `quick` or `off` [default: quick; off with
+    /// Whether each touch is also predicted under settings that `map` chooses: `quick` or `off` [default: quick; off with
     /// --estimator ekf]
     #[arg(
         long, value_name = "HOW", num_args = 0..=1, default_missing_value = "quick",

@@ -3,12 +3,13 @@
 
 use std::sync::Arc;
 
-use palpate::unstable::{Downsampling, TouchLog};
-use palpate::{Arm, Calibration, EstimatorKind, MapperConfig, Sample};
+use nalgebra::DVector;
+use palpate::unstable::{Downsampling, TouchLog, Tracker};
+use palpate::{Arm, Calibration, EstimatorKind, MapperConfig, Sample, SettingError, Tare};
+use rayon::prelude::*;
 
 use crate::calibrate::calibrate;
 use crate::error::{LearnError, Stop};
-use crate::thinning::largest_changes;
 use crate::torque_errors::RELATIVE_FROM_N_M;
 use crate::tracked::{TouchSamples, TrackedTouches, largest_torques};
 use crate::tune::{FixedSettings, Search, Tuned, Tuner};
@@ -80,6 +81,32 @@ fn candidates<'a>(
     Ok(candidates)
 }
 
+/// For each touch, given by its samples, the largest change of the torque since its first sample, or without a tare the
+/// largest torque, as the norm over the joints, N·m. Contacts are not simulated, so this takes little time.
+///
+/// # Errors
+///
+/// If a setting is out of its range.
+pub fn largest_changes(
+    arm: &Arc<Arm>,
+    config: &MapperConfig,
+    touches: &[&[Sample]],
+) -> Result<Vec<f64>, SettingError> {
+    let (contact, touch) = (&config.contact, config.touch.clone());
+    let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), contact, touch)?;
+    let largest = |samples: &&[Sample]| {
+        // Samples that cannot be used are refused where they are simulated.
+        let mut torques = samples.iter().filter_map(|sample| Some(tracker.check(sample).ok()?.1));
+        let first = torques.next().filter(|_| config.touch.tare != Tare::None);
+        let change = |torque: DVector<f64>| match &first {
+            Some(first) => (torque - first).norm(),
+            None => torque.norm(),
+        };
+        torques.map(change).fold(0.0, f64::max)
+    };
+    Ok(touches.par_iter().map(largest).collect())
+}
+
 /// Chooses the settings that are not `given`, by cross-validation on all of these touches, and calibrates bands. No
 /// inertia is computed: the times of logged samples are not those of the arm
 /// ([`palpate::unstable::LoggedTouch::samples`]).
@@ -96,7 +123,7 @@ pub fn choose(
     if config.method != EstimatorKind::Map {
         return Err(LearnError::NotMap(config.method.name()));
     }
-    let tracked = TrackedTouches::bounded(arm, config, touches, stop)?.without_times();
+    let tracked = TrackedTouches::sparse(arm, config, touches, stop)?.without_times();
     let search = Search::quick(config, given);
     let tuner = Tuner::new((arm, touches, &tracked), config, search, stop, &|| ())?;
     let everything: Vec<usize> = (0..touches.len()).collect();

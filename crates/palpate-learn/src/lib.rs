@@ -10,7 +10,7 @@
 //! | [`mod@evaluation`]    | the result of an evaluation                                     |
 //! | [`mod@tune`]          | settings chosen by cross-validation on training touches         |
 //! | [`mod@choose`]        | settings chosen for the touches at hand, with bands             |
-//! | [`mod@thinning`]      | fewer samples of long logs, for choosing settings               |
+//! | `thinning`            | fewer samples of long logs, for choosing settings               |
 //! | [`mod@study`]         | settings compared over several objects                          |
 //! | [`mod@change`]        | whether an object moved, or is softer or harder, since mapping  |
 //! | [`mod@next_touch`]    | which motion reduces the variance of a task most                |
@@ -45,7 +45,7 @@ pub mod next_touch;
 mod own_motion;
 pub mod regression;
 pub mod study;
-pub mod thinning;
+mod thinning;
 pub mod torque_errors;
 pub mod tracked;
 pub mod tune;

@@ -5,11 +5,9 @@
 //! may be 6 mm. No part of a touch is left out: contacts depend on the motion since its start, and the largest torques
 //! often come at its end.
 
-use std::sync::Arc;
-
-use nalgebra::{DVector, Isometry3};
-use palpate::unstable::{Downsampling, Tracker};
-use palpate::{Arm, MapperConfig, Sample, SettingError, Tare};
+use nalgebra::Isometry3;
+use palpate::unstable::Downsampling;
+use palpate::{Arm, MapperConfig, Sample};
 use rayon::prelude::*;
 
 /// Of the samples that are learnt ([`Downsampling`]), one of this many is simulated at least: one in 0.4 s at 20 Hz.
@@ -58,32 +56,6 @@ fn ways_m(arm: &Arm, samples: &[Sample]) -> Vec<f64> {
         _ => 0.0,
     };
     poses.windows(2).map(way_m).collect()
-}
-
-/// For each touch, given by its samples, the largest change of the torque since its first sample, or without a tare the
-/// largest torque, as the norm over the joints, N·m. Contacts are not simulated, so this takes little time.
-///
-/// # Errors
-///
-/// If a setting is out of its range.
-pub fn largest_changes(
-    arm: &Arc<Arm>,
-    config: &MapperConfig,
-    touches: &[&[Sample]],
-) -> Result<Vec<f64>, SettingError> {
-    let (contact, touch) = (&config.contact, config.touch.clone());
-    let tracker = Tracker::new(Arc::clone(arm), config.lattice.clone(), contact, touch)?;
-    let largest = |samples: &&[Sample]| {
-        // Samples that cannot be used are refused where they are simulated.
-        let mut torques = samples.iter().filter_map(|sample| Some(tracker.check(sample).ok()?.1));
-        let first = torques.next().filter(|_| config.touch.tare != Tare::None);
-        let change = |torque: DVector<f64>| match &first {
-            Some(first) => (torque - first).norm(),
-            None => torque.norm(),
-        };
-        torques.map(change).fold(0.0, f64::max)
-    };
-    Ok(touches.par_iter().map(largest).collect())
 }
 
 #[cfg(test)]

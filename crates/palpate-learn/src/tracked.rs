@@ -21,7 +21,7 @@ use crate::error::{LearnError, Stop, unless_stopped};
 use crate::regression::Frames;
 use crate::thinning::Ways;
 
-/// About the most steps of the simulator for a contact model in [`TrackedTouches::bounded`] and in [`largest_torques`]:
+/// About the most steps of the simulator for a contact model in [`TrackedTouches::sparse`] and in [`largest_torques`]:
 /// a little more than sixteen simulated touches of 400 samples take.
 const STEPS: f64 = 7_000.0;
 /// The same for the sum of contacts over all steps.
@@ -142,12 +142,12 @@ impl TrackedTouches {
     }
 
     /// [`TrackedTouches::new`] with fewer samples of long touches, so that tracking them and [tuning](crate::tune) take
-    /// a bounded time.
+    /// less time.
     ///
     /// # Errors
     ///
     /// As [`TrackedTouches::new`].
-    pub fn bounded(
+    pub fn sparse(
         arm: &Arc<Arm>,
         config: &MapperConfig,
         touches: &[TouchSamples],

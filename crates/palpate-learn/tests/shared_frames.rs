@@ -9,10 +9,10 @@ use palpate::unstable::{ElasticBody, LoggedTouch, Segment, SegmentKind};
 use palpate::{
     Arm, BakeConfig, EstimatorKind, Field, Lattice, Mapper, MapperConfig, Predictor, Robot, Sample,
 };
+use palpate_learn::choose::largest_changes;
 use palpate_learn::evaluate::{EvaluationPlan, FoldPrediction};
 use palpate_learn::folds::{Fold, folds};
 use palpate_learn::method::{self, Method, TorquesByTouch};
-use palpate_learn::thinning::largest_changes;
 use palpate_learn::tracked::{TouchSamples, TrackedFrame, TrackedTouches, largest_torques};
 use palpate_learn::tune::{FixedSettings, Search, SearchBudget, Trial, Tuned, Tuner};
 
@@ -390,16 +390,16 @@ fn long_touch(number: usize, samples: usize) -> TouchSamples {
 #[test]
 fn of_a_long_log_fewer_samples_are_tracked_but_no_part_is_left_out() {
     let (arm, config) = (arm(), config(EstimatorKind::Map));
-    let bounded =
-        |touches: &[TouchSamples]| TrackedTouches::bounded(&arm, &config, touches, NEVER).unwrap();
+    let sparse =
+        |touches: &[TouchSamples]| TrackedTouches::sparse(&arm, &config, touches, NEVER).unwrap();
     let frames = |tracked: &TrackedTouches| -> usize {
         tracked.touches.iter().map(|touch| touch.frames.len()).sum()
     };
     let short: Vec<TouchSamples> = (0..3).map(|number| long_touch(number, 400)).collect();
-    assert!(all_measured(&bounded(&short)) == all_measured(&tracked(&arm, &config, &short)));
+    assert!(all_measured(&sparse(&short)) == all_measured(&tracked(&arm, &config, &short)));
     for samples in [3_000, 12_000] {
         let long: Vec<TouchSamples> = (0..3).map(|number| long_touch(number, samples)).collect();
-        let (some, all) = (bounded(&long), tracked(&arm, &config, &long));
+        let (some, all) = (sparse(&long), tracked(&arm, &config, &long));
         let count = frames(&some);
         assert!(count > 1_000 && 2 * count <= frames(&all) + long.len(), "{count} frames");
         for (some, all) in all_measured(&some).iter().zip(&all_measured(&all)) {

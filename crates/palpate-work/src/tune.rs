@@ -157,7 +157,7 @@ impl Tuning<'_> {
         let fault = |error| fault(self.recorded, error, "; nothing was written".to_owned());
         let steps = Some(search.candidates() as u64);
         let bar = progress.begin(steps, "contact models", "simulating");
-        let track = if search.is_quick() { TrackedTouches::bounded } else { TrackedTouches::new };
+        let track = if search.is_quick() { TrackedTouches::sparse } else { TrackedTouches::new };
         let tracked = track(self.arm, self.config, self.touches, &stop).map_err(fault)?;
         let base = (self.arm, self.touches, &tracked);
         let tuner = Tuner::new(base, self.config, search, &stop, &|| bar.step()).map_err(fault)?;
