@@ -30,7 +30,7 @@ has 1.00), then:
 
   best of each          the best settings of each object, which are not known beforehand
   chosen on the others  the settings that are best on average over all other objects
-  chosen by map         for each touch, the settings that `palpate map` chooses from the other touches
+  chosen by map         for each touch, the settings that `map` chooses from the others
 
 The difference between `best of each` and `chosen on the others` is what an object loses by settings \
 that were chosen on other objects, such as the defaults. The second table divides the frames, under the settings that \
