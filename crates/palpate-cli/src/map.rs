@@ -319,9 +319,12 @@ impl Summary<'_> {
         format!("palpate predict {} LOG{robot}", logs::quoted(&field))
     }
 
-    /// The calibration of the field's bands; a field with a body has none.
+    /// The calibration of the field's bands.
     fn calibration(&self) -> Option<&Calibration> {
-        self.mapper.calibration().filter(|_| self.body.is_none())
+        match self.body {
+            Some(model) => model.calibration.as_ref(),
+            None => self.mapper.calibration(),
+        }
     }
 
     fn json(&self, elapsed: Duration) -> serde_json::Value {
@@ -379,11 +382,7 @@ impl Summary<'_> {
         } else if config.method == EstimatorKind::Elastic {
             found.push(("elastic body", "none, map is used alone".to_owned()));
         }
-        let bands = match self.body {
-            Some(_) => "none: only fields without an elastic body have them".to_owned(),
-            None => calibrated_on(self.calibration()),
-        };
-        found.push(("bands", bands));
+        found.push(("bands", calibrated_on(self.calibration())));
         found.push(("time", seconds(elapsed)));
         found.extend(self.pace.as_ref().map(|pace| ("pace", pace.text())));
         let before = tally.before_learning();

@@ -31,7 +31,8 @@ in the --box, or else the torques of all candidates. `left` is the share of the 
 remains after the motion. --by information ranks by the information that a motion gives about all \
 cells that it touches, whatever the task, in nats (one nat: a quantity is known e times better).
 
---limit leaves out motions whose predicted torque may exceed it at a joint. The band for largest \
+--limit leaves out motions whose predicted torque may exceed it at a joint. If the field has an \
+elastic body, the body is bent along each motion. The band for largest \
 torques is added to the prediction (at 90 %, or the field's highest level if that is lower), or \
 twice the standard deviation of the springs if the field has no bands. Cells that the field does \
 not know may be stiffer.

@@ -36,11 +36,7 @@ fn a_field_with_a_body_predicts_as_evaluate_does_and_continues_as_if_learnt_at_o
     let summary = json(on.arg("--json"));
     assert_eq!(summary["estimator"], "elastic");
     assert!(summary["elastic"]["share"].as_f64().unwrap() > 0.1, "{summary}");
-    assert!(summary["bands"].is_null(), "{summary}");
-    // The field's springs without the body would accept motions that exceed the limit.
-    let mut next = palpate();
-    next.args(["next", &scene.text("both.npz"), "--candidates", &c, "--limit", "5"]);
-    refuse(&mut next, 2, &["elastic body", "without a body"]);
+    assert_eq!(summary["bands"]["of_other_objects"], true, "{summary}");
     let [once, both] = ["once.npz", "both.npz"].map(|name| load(&scene.path(name)).unwrap());
     assert!(once.field.elastic.is_some());
     assert_eq!(once.field, both.field, "the two must agree to the bit");
@@ -60,6 +56,38 @@ fn a_field_with_a_body_predicts_as_evaluate_does_and_continues_as_if_learnt_at_o
     let predicted = predicted["overall"]["avg_error"].as_f64().unwrap();
     let wanted = error(0, "avg_error");
     assert!((predicted / wanted - 1.0).abs() < 1e-6, "{predicted}, evaluate says {wanted}");
+
+    // `next` judges a motion by the torques of the body too.
+    let next = |limit: &str| {
+        let mut command = palpate();
+        command.args(["next", &scene.text("once.npz"), "--candidates", &c, "--limit", limit]);
+        json(command.arg("--json"))
+    };
+    let allowed = next("1000")["proposals"][0].clone();
+    let of = |name: &str| allowed[name].as_f64().unwrap();
+    let torques = scene.text("torques.csv");
+    succeed(palpate().args(["predict", &scene.text("once.npz"), &c, "-o", &torques]));
+    let most = largest_prediction(&torques);
+    assert!((of("torque_n_m") / most - 1.0).abs() < 1e-5, "{allowed}, predicted {most}");
+    assert!(of("with_band_n_m") > of("torque_n_m"), "{allowed}");
+    let refused = next(&format!("{}", 0.99 * of("with_band_n_m")));
+    assert_eq!(refused["proposals"].as_array().unwrap().len(), 0, "{refused}");
+    let wanted = of("with_band_n_m");
+    assert_eq!(refused["beyond_limit"][0]["with_band_n_m"].as_f64().unwrap(), wanted);
+}
+
+/// The largest predicted torque of a joint in a table of `palpate predict`, N·m.
+fn largest_prediction(path: &str) -> f64 {
+    let table = std::fs::read_to_string(path).unwrap();
+    let mut rows = table.lines().map(|row| row.split(',').collect::<Vec<_>>());
+    let header = rows.next().unwrap();
+    let is_predicted = |column: &usize| header[*column].starts_with("predicted_");
+    let columns: Vec<usize> = (0..header.len()).filter(is_predicted).collect();
+    assert_eq!(columns.len(), 7, "{header:?}");
+    let torques = rows.flat_map(|row| {
+        columns.iter().map(|column| row[*column].parse::<f64>().unwrap().abs()).collect::<Vec<_>>()
+    });
+    torques.fold(0.0, f64::max)
 }
 
 #[test]
@@ -69,8 +97,12 @@ fn without_a_touch_a_body_has_a_typical_stiffness_and_predicts_better_than_zero(
     let mut command = palpate();
     succeed(command.args(["map", "--cloud", &bundled("object.ply"), "-o", &field]));
     assert!(load(&scene.path("field.npz")).unwrap().field.elastic.unwrap().share == 1.0);
-    let mut command = palpate();
     let touch = beginning(&scene, "seq_001", 220);
+    // Without a touch there are no bands, and no way to keep to a limit.
+    let mut next = palpate();
+    next.args(["next", &field, "--candidates", &touch, "--limit", "5"]);
+    refuse(&mut next, 2, &["elastic body", "no bands"]);
+    let mut command = palpate();
     let report = json(command.args(["predict", &field, &touch, "--json"]));
     let [error, zero] = [&report["overall"], &report["overall"]["zero"]]
         .map(|f| f["avg_relative"].as_f64().unwrap());

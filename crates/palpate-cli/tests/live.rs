@@ -476,6 +476,7 @@ fn needs_cyclonedds_a_body_learns_touch_by_touch_answers_questions_and_goes_on()
     let saved = load(&field).unwrap();
     let (model, touches) = (saved.field.elastic.unwrap(), saved.elastic_touches.len());
     assert!(model.share > 0.1 && !model.residual_cells.is_empty(), "{}", model.share);
+    assert!(model.calibration.as_ref().is_some_and(|bands| bands.of_other_objects));
     assert!(model.speed_m_per_s > 0.01 && model.speed_m_per_s < 1.0, "{}", model.speed_m_per_s);
 
     let folder = tempfile::tempdir().unwrap();

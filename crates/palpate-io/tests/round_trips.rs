@@ -8,7 +8,7 @@ use std::fs::File;
 use std::sync::Arc;
 
 use palpate::unstable::{ElasticBody, ElasticModel, ElasticVariant, Segment, SegmentKind};
-use palpate::{CellId, EstimatorKind, Field, MapperConfig};
+use palpate::{Calibration, CellId, EstimatorKind, Field, LearntTorques, MapperConfig};
 use palpate_io::body;
 use palpate_io::field::npz::{Array, Data, read_npz, write_npz};
 use palpate_io::field::{FieldFile, FieldLattice, SavedField, from_bytes, load, save, to_bytes};
@@ -175,6 +175,7 @@ fn variant() -> ElasticVariant {
 #[test]
 fn a_body_that_bends_reads_back_with_its_touches_and_a_broken_one_is_refused() {
     let variant = ElasticVariant { stiffness_factors: vec![1.0 / 7.0, 1.0], ..variant() };
+    let learnt = LearntTorques { error_n_m: vec![0.1, 0.2], torque_n_m: vec![1.0, 2.0] };
     let model = ElasticModel {
         variants: vec![variant],
         friction: 0.4,
@@ -186,6 +187,7 @@ fn a_body_that_bends_reads_back_with_its_touches_and_a_broken_one_is_refused() {
         residual_cells: vec![CellId(7), CellId(3)],
         residual_n_per_m: vec![0.1, 1.0 / 9.0],
         untouched_residual_n_per_m: 0.0,
+        calibration: Calibration::of_other_objects(&learnt, 2, 0.5),
     };
     let config = MapperConfig::of(EstimatorKind::Elastic);
     let mut field = Field::new(config.lattice, config.contact, config.touch, 0.0);
@@ -198,6 +200,7 @@ fn a_body_that_bends_reads_back_with_its_touches_and_a_broken_one_is_refused() {
         vec![vec![sample(Some(-0.5)), sample(Some(0.5))], vec![], vec![sample(None)]];
     let bytes = to_bytes(&saved);
     let read = from_bytes(&bytes, "field.npz").unwrap();
+    assert!(read.field.bands().is_some());
     assert_eq!(read.field, saved.field);
     assert_eq!(read.elastic_touches, saved.elastic_touches);
 
@@ -218,6 +221,8 @@ fn a_body_that_bends_reads_back_with_its_touches_and_a_broken_one_is_refused() {
     assert!(error.contains("a residual cell of the elastic model is 4294967295"), "{error}");
     let error = with(&|model| model.speed_m_per_s = 0.0);
     assert!(error.contains("speed_m_per_s of the elastic model is 0"), "{error}");
+    let error = with(&|model| model.calibration.as_mut().unwrap().by_torque = -1.0);
+    assert!(error.contains("the bands hold -1"), "{error}");
 }
 
 #[test]

@@ -13,7 +13,7 @@ use palpate::{BandQuantiles, Calibration, LearntTorques, MapperConfig};
 use rayon::prelude::*;
 
 use crate::error::{LearnError, Stop};
-use crate::folds::among;
+use crate::folds::{Fold, among};
 use crate::method::learn;
 use crate::study::for_thinned;
 use crate::tracked::{TrackedFrame, TrackedTouches};
@@ -86,40 +86,54 @@ impl PredictedFrame {
     }
 }
 
+/// Learns touches: springs alone ([`springs`]), or with an elastic body ([`crate::elastic::learnt`]).
+pub(crate) type Learn = for<'a> fn(
+    &'a TrackedTouches,
+    &[usize],
+    &MapperConfig,
+    Stop<'_>,
+) -> Result<Predicted<'a>, LearnError>;
+
+/// The folds of [`calibrate`]; none with fewer than three touches.
+pub(crate) fn inner_folds(train: &[usize]) -> Vec<Fold> {
+    if train.len() < FEWEST { Vec::new() } else { among(train, train.len().min(MAX_FOLDS)) }
+}
+
 /// The calibration on training touches; `None` with fewer than three. With fewer than nine, the bands are those of
 /// other objects, and only the misfits come from these touches.
 ///
 /// Learns from all frames, since the standard deviations depend on their number, but with few replays, since these take
-/// most of the time.
+/// most of the time. `step` is called after each of the [`inner_folds`].
 ///
 /// # Errors
 ///
 /// If a setting is out of its range, or a frame cannot be used; or on being stopped.
-pub fn calibrate(
+pub(crate) fn calibrate(
+    learn: Learn,
     tracked: &TrackedTouches,
     train: &[usize],
     config: &MapperConfig,
-    stop: Stop<'_>,
+    (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
 ) -> Result<Option<Calibration>, LearnError> {
-    if train.len() < FEWEST {
+    let folds = inner_folds(train);
+    if folds.is_empty() {
         return Ok(None);
     }
     let mut config = for_thinned(config, tracked.thinning);
     config.estimator.replays = config.estimator.replays.min(REPLAYS);
-    let held_out: Vec<Vec<Vec<PredictedFrame>>> = among(train, train.len().min(MAX_FOLDS))
+    let held_out: Vec<Vec<Vec<PredictedFrame>>> = folds
         .par_iter()
         .map(|fold| {
-            let estimator = learn(tracked, &fold.train, &config, &[], stop)?;
-            let predicted = Predicted::by(tracked, &*estimator);
-            Ok(fold.test.iter().map(|touch| predicted.touch(tracked, *touch)).collect())
+            let predicted = learn(tracked, &fold.train, &config, stop)?;
+            step();
+            Ok(fold.test.iter().map(|touch| predicted.touch(*touch)).collect())
         })
         .collect::<Result<_, LearnError>>()?;
     let held_out: Vec<Vec<PredictedFrame>> = held_out.into_iter().flatten().collect();
     let untouched_std = config.estimator(tracked.n_joints)?.std(usize::MAX);
     let own = of_held_out(&held_out, tracked.n_joints, untouched_std);
     if own.as_ref().is_some_and(|own| own.highest_level() < LEVEL) {
-        let estimator = learn(tracked, train, &config, &[], stop)?;
-        let others = of_other_objects(tracked, train, &Predicted::by(tracked, &*estimator));
+        let others = of_other_objects(&learn(tracked, train, &config, stop)?, train);
         let with_misfits = |mut others: Calibration| {
             let touches = held_out.iter().filter(|touch| !touch.is_empty());
             others.misfits = touches.filter_map(|touch| misfit(&others, touch)).collect();
@@ -130,19 +144,18 @@ pub fn calibrate(
     Ok(own)
 }
 
-/// [`Calibration::of_other_objects`] for an estimator that has learnt the touches `train`; `None` if these touch
-/// nothing.
-pub(crate) fn of_other_objects(
-    tracked: &TrackedTouches,
-    train: &[usize],
-    predicted: &Predicted,
-) -> Option<Calibration> {
+/// [`Calibration::of_other_objects`] after learning the touches `train`; `None` if these touch nothing.
+pub(crate) fn of_other_objects(predicted: &Predicted<'_>, train: &[usize]) -> Option<Calibration> {
     let touched = || {
-        let each = train.iter().map(|&touch| tracked.touches[touch].in_contact());
-        each.filter(|frames| frames.clone().next().is_some())
+        let in_contact = |&touch: &usize| {
+            let frames = &predicted.tracked.touches[touch].frames;
+            let touched = move |at: &usize| frames[*at].observation.n_contacts() > 0;
+            (0..frames.len()).filter(touched).map(move |at| (touch, at))
+        };
+        train.iter().map(in_contact).filter(|frames| frames.clone().next().is_some())
     };
-    let sample = |frame: &TrackedFrame| {
-        let frame = predicted.frame(frame);
+    let sample = |(touch, at): (usize, usize)| {
+        let frame = predicted.frame(touch, at);
         [frame.errors().collect(), frame.measured]
     };
     let samples = touched().flat_map(|frames| frames.step_by(LEARNT_EVERY)).map(sample);
@@ -150,36 +163,77 @@ pub(crate) fn of_other_objects(
     Calibration::of_other_objects(&learnt, touches, predicted.untouched_std_n_per_m)
 }
 
-/// Stiffness and variance of all cells under an estimator, for predictions of frames.
-pub(crate) struct Predicted {
+/// What was learnt from touches, for predictions of frames: the springs, and the torque of an elastic body.
+pub(crate) struct Predicted<'a> {
+    tracked: &'a TrackedTouches,
     cells: Vec<CellState>,
     /// By row, the spring variance for the spread, (N/m)², and whether the cell was touched.
     of_rows: Vec<(f64, bool)>,
     untouched_std_n_per_m: f64,
+    of_body: Option<BodyTorque<'a>>,
 }
 
-impl Predicted {
-    pub(crate) fn by(tracked: &TrackedTouches, estimator: &dyn Estimator) -> Self {
+/// The torque of an elastic body by touch and frame, n_joints, N·m.
+type BodyTorque<'a> = Box<dyn Fn(usize, usize) -> DVector<f64> + 'a>;
+
+/// Learns touches as springs alone.
+pub(crate) fn springs<'a>(
+    tracked: &'a TrackedTouches,
+    touches: &[usize],
+    config: &MapperConfig,
+    stop: Stop<'_>,
+) -> Result<Predicted<'a>, LearnError> {
+    let estimator = learn(tracked, touches, config, &[], stop)?;
+    Ok(Predicted::by(tracked, &*estimator, |row| estimator.stiffness(row)))
+}
+
+impl<'a> Predicted<'a> {
+    /// With the standard deviations of an estimator, and a stiffness by row, N/m.
+    pub(crate) fn by(
+        tracked: &'a TrackedTouches,
+        estimator: &dyn Estimator,
+        stiffness: impl Fn(usize) -> f64,
+    ) -> Self {
         let of_row = |row| {
-            let (stiffness, std) = (estimator.stiffness(row), estimator.std(row));
-            (spring_variance(RELATIVE_STD, stiffness, std.powi(2)), estimator.count(row) > 0)
+            let variance =
+                spring_variance(RELATIVE_STD, stiffness(row), estimator.std(row).powi(2));
+            (variance, estimator.count(row) > 0)
         };
         Self {
-            cells: tracked.with_stiffness(|row| estimator.stiffness(row)),
+            tracked,
+            cells: tracked.with_stiffness(&stiffness),
             of_rows: (0..tracked.cells.len()).map(of_row).collect(),
             untouched_std_n_per_m: estimator.std(usize::MAX),
+            of_body: None,
         }
     }
 
-    pub(crate) fn frame(&self, frame: &TrackedFrame) -> PredictedFrame {
-        PredictedFrame::of(frame, &self.cells, |row| self.of_rows[row])
+    /// Adds the torque of an elastic body.
+    pub(crate) fn with_body(self, of_body: impl Fn(usize, usize) -> DVector<f64> + 'a) -> Self {
+        Self { of_body: Some(Box::new(of_body)), ..self }
+    }
+
+    /// Predicts a frame of a touch.
+    pub(crate) fn frame(&self, touch: usize, at: usize) -> PredictedFrame {
+        let frame = &self.tracked.touches[touch].frames[at];
+        let mut predicted = PredictedFrame::of(frame, &self.cells, |row| self.of_rows[row]);
+        if let Some(of_body) = &self.of_body {
+            let of_body = of_body(touch, at);
+            predicted.torque.iter_mut().zip(&of_body).for_each(|(torque, body)| *torque += body);
+        }
+        predicted
+    }
+
+    /// Predicts all frames of a touch.
+    pub(crate) fn frames(&self, touch: usize) -> impl Iterator<Item = PredictedFrame> {
+        (0..self.tracked.touches[touch].frames.len()).map(move |at| self.frame(touch, at))
     }
 
     /// Predicts at most [`FRAMES`] frames of a touch, evenly chosen.
-    fn touch(&self, tracked: &TrackedTouches, touch: usize) -> Vec<PredictedFrame> {
-        let frames = &tracked.touches[touch].frames;
-        let every = frames.len().div_ceil(FRAMES).max(1);
-        frames.iter().step_by(every).map(|frame| self.frame(frame)).collect()
+    fn touch(&self, touch: usize) -> Vec<PredictedFrame> {
+        let frames = self.tracked.touches[touch].frames.len();
+        let every = frames.div_ceil(FRAMES).max(1);
+        (0..frames).step_by(every).map(|at| self.frame(touch, at)).collect()
     }
 }
 

@@ -9,11 +9,12 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::bands::{Band, Uncertainty};
-use crate::calibrate::{LEVEL, Predicted, PredictedFrame, calibrate, of_other_objects};
+use crate::calibrate::{LEVEL, Learn, PredictedFrame, calibrate, of_other_objects, springs};
+use crate::elastic;
 use crate::error::{LearnError, Stop};
 use crate::evaluation::{Evaluation, HeldOutTouch, MethodPrediction, MethodSummary};
 use crate::folds::Fold;
-use crate::method::{Method, TorquesByTouch, learn};
+use crate::method::{Method, TorquesByTouch};
 use crate::tracked::{TrackedFrame, TrackedTouch, TrackedTouches};
 
 /// Largest torque that a part may contain, N·m.
@@ -128,7 +129,10 @@ impl EvaluationPlan {
             let config = self.config_of((method, fold));
             let own = (&self.folds[fold], config);
             let (torques, uncertainty) = match method {
-                Method::Map => with_uncertainty(tracked, own, stop),
+                Method::Elastic if tracked.body.is_some() => {
+                    with_uncertainty(elastic::learnt, tracked, own, stop)
+                }
+                Method::Map => with_uncertainty(springs, tracked, own, stop),
                 _ => method.predict(tracked, own.0, config, stop).map(|torques| (torques, None)),
             }
             .map_err(|source| PartError { method, fold, source })?;
@@ -191,26 +195,25 @@ impl EvaluationPlan {
 /// Torques that an estimator predicts for a fold's test touches, and their uncertainty: calibrated on the training
 /// touches, and that of other objects.
 fn with_uncertainty(
+    learn: Learn,
     tracked: &TrackedTouches,
     (fold, config): (&Fold, &MapperConfig),
     stop: Stop<'_>,
 ) -> Result<(TorquesByTouch, Option<Uncertainty>), LearnError> {
-    let estimator = learn(tracked, &fold.train, config, &[], stop)?;
-    let predicted = Predicted::by(tracked, &*estimator);
+    let predicted = learn(tracked, &fold.train, config, stop)?;
     let (mut torques, mut spreads) = (TorquesByTouch::new(), TorquesByTouch::new());
     for touch in &fold.test {
-        let frames = tracked.touches[*touch].frames.iter();
-        let frames = frames.map(|frame| predicted.frame(frame));
+        let frames = predicted.frames(*touch);
         let (own, spread) = frames.map(|frame| (frame.torque, frame.spread)).unzip();
         torques.push(own);
         spreads.push(spread);
     }
-    let calibration = calibrate(tracked, &fold.train, config, stop)?;
+    let calibration = calibrate(learn, tracked, &fold.train, config, (stop, &|| ()))?;
     // With few touches the calibration is already of other objects, and a second one would differ from it only because
     // it follows other replays.
     let others = match calibration.as_ref().filter(|own| own.of_other_objects) {
         Some(own) => Some(own.clone()),
-        None => of_other_objects(tracked, &fold.train, &predicted),
+        None => of_other_objects(&predicted, &fold.train),
     };
     let calibration = calibration.or_else(|| others.clone());
     let uncertainty =

@@ -13,14 +13,15 @@
 //! box): after c it is `G − G_c (G_cc + σ² I)⁻¹ G_cᵀ`. The bound K ≥ 0 is ignored.
 
 use nalgebra::{Cholesky, DMatrix};
-use palpate::Field;
 use palpate::unstable::CellState;
+use palpate::{Calibration, Field};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::calibrate::PredictedFrame;
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::field_estimates::FieldEstimates;
-use crate::tracked::{TrackedFrame, TrackedTouches};
+use crate::tracked::TrackedTouches;
 
 /// About the most rows of the Gram matrix for frames.
 const ROWS: usize = 3000;
@@ -74,6 +75,8 @@ pub struct NextTouch<'a> {
     field: &'a Field,
     rows: FieldEstimates,
     torque_std: f64,
+    /// [`NextTouch::torque_n_m`] of each motion, if the field has an elastic body.
+    with_body: Option<Vec<[f64; 2]>>,
 }
 
 impl<'a> NextTouch<'a> {
@@ -86,32 +89,25 @@ impl<'a> NextTouch<'a> {
         (untouched_std_n_per_m, torque_std): (f64, f64),
     ) -> Self {
         let rows = FieldEstimates::of(tracked, field, untouched_std_n_per_m);
-        Self { tracked, field, rows, torque_std }
+        Self { tracked, field, rows, torque_std, with_body: None }
+    }
+
+    /// Sets [`NextTouch::torque_n_m`] of all motions, which is otherwise that of the springs alone.
+    #[must_use]
+    pub fn with_body(self, torques_n_m: Vec<[f64; 2]>) -> Self {
+        Self { with_body: Some(torques_n_m), ..self }
     }
 
     /// Largest torque of a joint along a motion, N·m: predicted, and with the half-width of the band for largest
     /// torques at the default level (without bands: with twice the spread) added.
     pub fn torque_n_m(&self, motion: usize) -> [f64; 2] {
+        if let Some(with_body) = &self.with_body {
+            return with_body[motion];
+        }
         let calibration = self.field.calibration.as_ref();
         let calibration = calibration.filter(|own| own.check(self.tracked.n_joints).is_ok());
-        let at = |frame: &TrackedFrame| {
-            let predicted = self.rows.predicted(frame);
-            let band = calibration.and_then(|own| {
-                let (torque, spread) = (&predicted.torque, &predicted.spread);
-                own.peak_half_width(own.default_level(), torque, spread, predicted.contacts)
-            });
-            let widths: Vec<f64> = match band {
-                Some(band) => band.data.into(),
-                None => predicted.spread.iter().map(|spread| 2.0 * spread).collect(),
-            };
-            let each = predicted
-                .torque
-                .iter()
-                .zip(widths)
-                .map(|(own, width)| [own.abs(), own.abs() + width]);
-            each.fold([0.0; 2], largest)
-        };
-        self.tracked.touches[motion].in_contact().map(at).fold([0.0; 2], largest)
+        let frames = self.tracked.touches[motion].in_contact();
+        largest_torque_n_m(calibration, frames.map(|frame| self.rows.predicted(frame)))
     }
 
     /// The best `count` candidates in order, each the best given those before it. Candidates that touch nothing are
@@ -169,8 +165,29 @@ impl<'a> NextTouch<'a> {
     }
 }
 
-fn largest(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
-    [a[0].max(b[0]), a[1].max(b[1])]
+/// Largest torque of a joint in these frames, N·m: predicted, and with the half-width of the band for largest torques at
+/// the default level (without bands: with twice the spread) added.
+///
+/// # Panics
+///
+/// If the calibration is for another number of joints ([`Calibration::check`]).
+pub fn largest_torque_n_m(
+    calibration: Option<&Calibration>,
+    frames: impl IntoIterator<Item = PredictedFrame>,
+) -> [f64; 2] {
+    let mut largest = [0.0_f64; 2];
+    for PredictedFrame { torque, spread, contacts, .. } in frames {
+        let band = calibration
+            .and_then(|own| own.peak_half_width(own.default_level(), &torque, &spread, contacts));
+        let widths: Vec<f64> = match band {
+            Some(band) => band.data.into(),
+            None => spread.iter().map(|spread| 2.0 * spread).collect(),
+        };
+        for (own, width) in torque.iter().zip(widths) {
+            largest = [largest[0].max(own.abs()), largest[1].max(own.abs() + width)];
+        }
+    }
+    largest
 }
 
 /// Some frames of all motions, and cells of the task, with their levers.

@@ -16,6 +16,7 @@ use palpate::{
 };
 use rayon::prelude::*;
 
+use crate::calibrate::inner_folds;
 use crate::elastic::{BodyTorques, ConvergenceCounts};
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::regression::Frames;
@@ -215,7 +216,7 @@ impl TrackedTouches {
 
     /// Adds the simulated torques of an elastic body along every touch, for [`crate::method::Method::Elastic`]. Several
     /// bodies are alternatives for the same object, the most likely first. `training` are the sets of touches, by
-    /// index, from which the body will be learnt. `step` is called [`crate::elastic::steps`] times, from any thread.
+    /// index, from which the body will be learnt and bands calibrated. `step` is called [`crate::elastic::steps`] times, from any thread.
     ///
     /// # Errors
     ///
@@ -231,8 +232,10 @@ impl TrackedTouches {
         (touches, training): (&[TouchSamples], &[Vec<usize>]),
         (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
     ) -> Result<Self, LearnError> {
+        let folds = training.iter().flat_map(|train| inner_folds(train)).map(|fold| fold.train);
+        let training: Vec<Vec<usize>> = training.iter().cloned().chain(folds).collect();
         let mut torques = BodyTorques::new(bodies);
-        torques.extend(arm, (&self, touches), training, (stop, step))?;
+        torques.extend(arm, (&self, touches), &training, (stop, step))?;
         self.body = Some(Arc::new(torques));
         Ok(self)
     }

@@ -1,17 +1,21 @@
 //! Stiffness and contact of a simulated body are found again, and a wrong body does not make a field worse.
 #![allow(clippy::unwrap_used)] // helpers of tests are tests
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use palpate::unstable::{
-    ElasticBody, ElasticContactConfig, ElasticTorque, Equilibrium, Segment, SegmentKind,
+    ElasticBody, ElasticContactConfig, ElasticModel, ElasticTorque, Equilibrium, Segment,
+    SegmentKind,
 };
 use palpate::{
     Arm, BakeConfig, EstimatorKind, Lattice, Mapper, MapperConfig, PathConfig, PathPredictor,
     Predictor, Robot, Sample,
 };
+use palpate_learn::bands::Uncertainty;
 use palpate_learn::elastic::{self, CONTACT_CANDIDATES, ElasticBodyLearner};
-use palpate_learn::folds::folds;
+use palpate_learn::evaluate::{EvaluationPlan, FoldPrediction};
+use palpate_learn::folds::{Fold, folds};
+use palpate_learn::method::Method;
 use palpate_learn::tracked::{TouchSamples, TrackedTouches};
 
 const NEVER: &(dyn Fn() -> bool + Sync) = &|| false;
@@ -130,8 +134,15 @@ fn a_field_with_its_body_predicts_what_was_predicted_of_the_touch_left_out() {
     let learnt =
         palpate_learn::method::learn(&tracked, &fold.train, &config(), &[], NEVER).unwrap();
     let mut field = palpate_learn::method::field(&tracked, learnt.as_ref(), &config());
-    let model = elastic::model(&tracked, &fold.train, &config(), NEVER).unwrap();
+    let mut model = elastic::model(&tracked, &fold.train, &config(), NEVER).unwrap();
     model.check(&field.lattice).unwrap();
+    let uncertainty = uncertainty(&tracked, &folds(4, 4), 2);
+    // The bands of other objects do not use the spread, so it is given the factor of calibrated bands.
+    let own = model.calibration.as_mut().unwrap();
+    own.relative_std = 10.0;
+    let others = uncertainty.others.unwrap();
+    assert_eq!(own.floor_n_m, others.floor_n_m);
+    assert_eq!(others.misfits.len(), 3, "a misfit for each held-out touch");
     field.elastic = Some(Arc::new(model));
     let mut predictor = Predictor::new(Arc::clone(&arm), &field, config().touch).unwrap();
     for again in 0..2 {
@@ -144,7 +155,94 @@ fn a_field_with_its_body_predicts_what_was_predicted_of_the_touch_left_out() {
             let off = off.fold(0.0, f64::max);
             assert!(off < 1e-9, "{off} N·m off in round {again}, {wanted:?}");
         }
+        for (step, wanted) in predicted.iter().zip(&uncertainty.spread[0]) {
+            let spread = step.spread.as_ref().unwrap();
+            let off = (0..2).map(|joint| (spread[joint] - wanted[joint]).abs()).fold(0.0, f64::max);
+            assert!(off < 1e-9 * (1.0 + spread.amax()), "{off} N·m off, {spread} and {wanted:?}");
+        }
+        assert!(predicted.iter().any(|step| step.spread.as_ref().unwrap().amax() > 0.1));
     }
+    // A path through all samples has the same bands.
+    let path: Vec<&[f64]> = touches[2].samples.iter().map(|sample| &sample.q[..]).collect();
+    let calibration = field.bands().unwrap().clone();
+    let untouched_std = calibration.untouched_std_n_per_m;
+    let paths = PathPredictor::of_field(&arm, &field, untouched_std, 1.0).unwrap();
+    let mut config = PathConfig::default();
+    config.resolution_cells = 0.0;
+    let widths = paths.ask(&path, &config).unwrap().half_width(0.9).unwrap();
+    let mut predictor = Predictor::planned(Arc::clone(&arm), &field).unwrap();
+    predictor.begin_touch();
+    for (sample, width) in touches[2].samples.iter().zip(&widths) {
+        let step = predictor.step(sample).unwrap().unwrap();
+        let (torque, spread) = (step.predicted.as_slice(), step.spread.unwrap());
+        let contacts = [step.contacts, step.known];
+        let wanted = calibration.half_width(0.9, torque, spread.as_slice(), contacts).unwrap();
+        assert!((&wanted - width).amax() < 1e-6 * wanted.amax(), "{wanted} and {width}");
+    }
+}
+
+/// The uncertainty of the estimator `elastic` in a fold.
+fn uncertainty(tracked: &TrackedTouches, folds: &[Fold], fold: usize) -> Uncertainty {
+    let plan = EvaluationPlan {
+        methods: vec![Method::Elastic],
+        folds: folds.to_vec(),
+        todo: vec![fold],
+        config: config(),
+        estimators: vec![[config(), config()]; folds.len()],
+    };
+    let found = Mutex::new(None);
+    let done = |part: FoldPrediction| *found.lock().unwrap() = part.uncertainty;
+    plan.run(tracked, &plan.parts(), NEVER, &done).unwrap();
+    found.into_inner().unwrap().unwrap()
+}
+
+#[test]
+fn bands_calibrated_with_a_body_hold_what_it_does_not_explain() {
+    let arm = arm();
+    // Part of the torque differs from touch to touch, and is not that of the body.
+    let touches: Vec<TouchSamples> = (0..10)
+        .map(|number| {
+            let own = f64::from(number % 5) / 5.0;
+            let mut touch =
+                touches(&arm, 2.0 + own, CONTACT_CANDIDATES[1][0]).remove(number as usize % 4);
+            touch.samples.iter_mut().for_each(|sample| sample.tau[0] += own * sample.q[1]);
+            touch
+        })
+        .collect();
+    let learn = |learner: ElasticBodyLearner| {
+        let (mut learner, samples) = (learner, touches.iter().map(|touch| touch.samples.clone()));
+        learner.learn(samples, (NEVER, &|| ())).unwrap()
+    };
+    let learner = || ElasticBodyLearner::new(&arm, &config(), &[body()]);
+    let [given, own] = [learn(learner()), learn(learner().calibrating())];
+    let [others, calibration] = [&given, &own].map(|model| model.calibration.clone().unwrap());
+    assert!(others.of_other_objects && !calibration.of_other_objects);
+    assert_eq!((calibration.touches, calibration.misfits.len()), (10, 10));
+    assert!(calibration.highest_level() == 0.9, "{calibration:?}");
+    assert_eq!(
+        ElasticModel { calibration: None, ..given },
+        ElasticModel { calibration: None, ..own }
+    );
+
+    // In every fold, most torques of the touch left out are inside of the bands of the others.
+    let tracked = TrackedTouches::new(&arm, &config(), &touches, NEVER).unwrap();
+    let training: Vec<Vec<usize>> = folds(10, 10).into_iter().map(|fold| fold.train).collect();
+    let tracked =
+        tracked.with_bodies(&arm, &[body()], (&touches, &training), (NEVER, &|| ())).unwrap();
+    let plan = EvaluationPlan {
+        methods: vec![Method::Elastic],
+        folds: folds(10, 10),
+        todo: (0..10).collect(),
+        config: config(),
+        estimators: vec![[config(), config()]; 10],
+    };
+    let parts = Mutex::new(Vec::new());
+    plan.run(&tracked, &plan.parts(), NEVER, &|part| parts.lock().unwrap().push(part)).unwrap();
+    let names = vec!["along".to_owned(), "turn".to_owned()];
+    let found = plan.gather(&tracked, &parts.into_inner().unwrap(), names, "measured");
+    let coverage = found.methods[0].coverage.as_ref().unwrap();
+    assert!(coverage.torque_share > 0.8, "{coverage:?}");
+    assert!(coverage.half_width_n_m < coverage.constant_half_width_n_m, "{coverage:?}");
 }
 
 #[test]

@@ -60,6 +60,15 @@ struct Learnt {
     waiting: usize,
 }
 
+impl Learnt {
+    /// Replaces the model; bands that were calibrated on held-out touches stay.
+    fn replace(&mut self, model: ElasticModel) {
+        let before = self.model.calibration.as_ref().filter(|own| !own.of_other_objects);
+        let calibration = before.cloned().or(model.calibration);
+        self.model = Arc::new(ElasticModel { calibration, ..model });
+    }
+}
+
 #[derive(Clone)]
 struct Bent {
     model: Arc<ElasticModel>,
@@ -117,7 +126,6 @@ impl LiveElasticBody {
     pub fn put_into(&self, saved: &mut SavedField) {
         let learnt = lock(&self.learnt);
         saved.field.elastic = Some(Arc::clone(&learnt.model));
-        saved.field.calibration = None; // bands were calibrated for the springs alone
         saved.elastic_touches.clone_from(&learnt.touches);
         if let Some(snapshot) = &saved.snapshot {
             // The snapshot does not contain touches that began after it was taken.
@@ -243,7 +251,7 @@ impl LiveElasticBody {
                         "touches that the elastic body has learnt: {}",
                         model.n_touches
                     ));
-                    learnt.model = Arc::new(model);
+                    learnt.replace(model);
                     pending.clear();
                     new = 0;
                 }
@@ -323,6 +331,9 @@ impl Recorder {
 
 #[cfg(test)]
 mod tests {
+    use palpate::unstable::{ElasticVariant, Segment, SegmentKind};
+    use palpate::{Calibration, LearntTorques};
+
     use super::*;
 
     fn mapped(time_s: f64, state: SessionState, contacts: usize) -> MappedSample {
@@ -353,6 +364,49 @@ mod tests {
         assert!(times_s[7..].array_windows().all(thinned), "{times_s:?}");
         assert!(times_s[times_s.len() - 1] > 0.095, "{times_s:?}");
         assert_eq!(recorder.end(), None, "nothing is left");
+    }
+
+    #[test]
+    fn bands_calibrated_on_held_out_touches_stay_when_the_body_learns_on() {
+        let stem = Segment {
+            parent: None,
+            kind: SegmentKind::Wood,
+            start_m: [0.0; 3],
+            end_m: [0.0, 0.0, 0.1],
+            bare_m: 0.0,
+            radius_m: 0.01,
+            half_width_m: [0.0; 3],
+            joint_stiffness: 20.0,
+            branch: 0,
+        };
+        let body = ElasticBody::new(vec![stem]).unwrap();
+        let variant = ElasticVariant { body, weight: 1.0, stiffness_factors: vec![1.0] };
+        let bands = |error: f64, of_other_objects| {
+            let learnt = LearntTorques { error_n_m: vec![error], torque_n_m: vec![1.0] };
+            let others = Calibration::of_other_objects(&learnt, 2, 1.0).unwrap();
+            Calibration { of_other_objects, ..others }
+        };
+        let model = |calibration: &Calibration| ElasticModel {
+            variants: vec![variant.clone()],
+            friction: 0.4,
+            creep_s: 0.0,
+            torque_limit_n_m: None,
+            share: 1.0,
+            n_touches: 1,
+            speed_m_per_s: 0.1,
+            residual_cells: Vec::new(),
+            residual_n_per_m: Vec::new(),
+            untouched_residual_n_per_m: 0.0,
+            calibration: Some(calibration.clone()),
+        };
+        let newer = bands(0.2, true);
+        for (older, stays) in [(bands(0.1, true), false), (bands(0.1, false), true)] {
+            let model_before = Arc::new(model(&older));
+            let mut learnt = Learnt { model: model_before, touches: Vec::new(), waiting: 0 };
+            learnt.replace(model(&newer));
+            let wanted = if stays { &older } else { &newer };
+            assert_eq!(learnt.model.calibration.as_ref(), Some(wanted));
+        }
     }
 
     #[test]

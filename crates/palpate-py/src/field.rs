@@ -265,7 +265,7 @@ impl Field {
         coarse: bool,
     ) -> Result<PathPredictor> {
         let (robot, field) = (self.robot(py, robot)?, self.core(py));
-        let calibrated = self.calibration.as_ref().map(|own| own.untouched_std_n_per_m);
+        let calibrated = field.bands().map(|own| own.untouched_std_n_per_m);
         let std = calibrated.unwrap_or_else(|| self.untouched_std());
         let weight = cluster_weight(coarse);
         let predictor = palpate::PathPredictor::of_field(&robot.arm, &field, std, weight);
@@ -335,7 +335,7 @@ impl Field {
     /// (T, n_joints) rad each; `task` are the motions whose torques are to be predicted, by default the
     /// candidates. With `box`, a pair of corners, m, the stiffness in this box is to be known instead. `by`
     /// is the criterion, "variance" or "information". Motions are excluded if their predicted torque may
-    /// exceed `limit`, N·m, or if a joint exceeds its limits. With an elastic body, `limit` is not possible.
+    /// exceed `limit`, N·m, or if a joint exceeds its limits. With an elastic body, `limit` needs bands.
     #[pyo3(signature = (
         candidates, task = None, *, r#box = None, by = "variance", count = 5, limit = None, robot = None, progress = None
     ))]

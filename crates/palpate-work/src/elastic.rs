@@ -174,21 +174,21 @@ pub(crate) fn simulate_bodies(
     (touches, training): (&[TouchSamples], &[Vec<usize>]),
     progress: &dyn Progress,
 ) -> Result<TrackedTouches, LearnError> {
-    simulating((touches.len(), bodies.len()), progress, |stop_and_step| {
+    simulating(steps(touches.len(), bodies.len()), progress, |stop_and_step| {
         let tracked = tracked.with_bodies(arm, bodies, (touches, training), stop_and_step)?;
         let convergence = tracked.convergence().unwrap_or_default();
         Ok((tracked, convergence))
     })
 }
 
-/// Runs a simulation of bodies along touches with a progress bar, and notes how often the body did not come to rest.
+/// Runs a simulation of bodies along touches with a progress bar of so many steps, and notes how often the body did not
+/// come to rest.
 fn simulating<T>(
-    (touches, bodies): (usize, usize),
+    steps: usize,
     progress: &dyn Progress,
     simulate: impl FnOnce((Stop<'_>, &(dyn Fn() + Sync))) -> Result<(T, ConvergenceCounts), LearnError>,
 ) -> Result<T, LearnError> {
-    let expected = steps(touches, bodies) as u64;
-    let bar = progress.begin(Some(expected), "touches", "simulating the elastic body");
+    let bar = progress.begin(Some(steps as u64), "touches", "simulating the elastic body");
     let (simulated, convergence) = simulate((&|| progress.stopped(), &|| bar.step()))?;
     drop(bar);
     if convergence.not_converged > 0 {
@@ -201,7 +201,8 @@ fn simulating<T>(
     Ok(simulated)
 }
 
-/// The field of a mapper, with an elastic body learnt from the same touches; the field alone if there are no bodies.
+/// The field of a mapper, with an elastic body learnt from the same touches and the bands of both; the field alone if
+/// there are no bodies.
 /// `touches` are the samples of all touches that the mapper has learnt.
 ///
 /// # Errors
@@ -217,8 +218,10 @@ pub fn learn_body(
     if bodies.is_empty() {
         return Ok(saved);
     }
-    let mut learner = ElasticBodyLearner::new(mapper.arm(), mapper.config(), bodies);
-    let learnt = simulating((touches.len(), bodies.len()), progress, |stop_and_step| {
+    let mut learner = ElasticBodyLearner::new(mapper.arm(), mapper.config(), bodies).calibrating();
+    let folds = learner.folds(touches.len());
+    let steps = steps(touches.len(), bodies.len()) + folds;
+    let learnt = simulating(steps, progress, |stop_and_step| {
         let model = learner.learn(touches.clone(), stop_and_step)?;
         Ok((model, learner.convergence()))
     });
@@ -236,7 +239,6 @@ pub fn learn_body(
         );
     }
     saved.field.elastic = Some(Arc::new(learnt));
-    saved.field.calibration = None; // bands were calibrated for the springs alone
     saved.elastic_touches = touches;
     Ok(saved)
 }

@@ -3,10 +3,12 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use palpate::{Arm, EstimatorKind, Field, Gravity, MapperConfig, Robot, Sample, Tare};
+use palpate::{Arm, EstimatorKind, Field, Gravity, MapperConfig, Predictor, Robot, Sample, Tare};
 use palpate_io::field::SavedField;
-use palpate_learn::next_touch::{Criterion, NextTouch, Proposal, Task};
+use palpate_learn::calibrate::PredictedFrame;
+use palpate_learn::next_touch::{Criterion, NextTouch, Proposal, Task, largest_torque_n_m};
 use palpate_learn::tracked::{TouchSamples, TrackedTouches};
+use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::contact_counts::low_and_high;
@@ -14,6 +16,7 @@ use crate::error::WorkError;
 use crate::evaluate::{fault, touch_samples};
 use crate::inspect::log::LIMIT_MARGIN;
 use crate::progress::Progress;
+use crate::settings::SettingsError;
 use crate::touches::RecordedTouch;
 
 /// How motions are to be ranked.
@@ -100,24 +103,60 @@ fn check(
     request: &RankingRequest,
     progress: &dyn Progress,
 ) -> Result<(), WorkError> {
-    if let Some(Err(what)) = field.calibration.as_ref().map(|own| own.check(arm.robot.n_joints())) {
+    if let Some(Err(what)) = field.bands().map(|own| own.check(arm.robot.n_joints())) {
         return Err(WorkError::from(format!("the field belongs to another robot: {what}")));
     }
     if let Some(limit) = request.limit_n_m.filter(|limit| !(*limit > 0.0 && limit.is_finite())) {
         return Err(WorkError::Usage(format!("the limit is {limit} N·m; wanted more than 0")));
     }
-    if field.elastic.is_some() {
+    if field.elastic.is_some() && field.bands().is_none() {
         if request.limit_n_m.is_some() {
             return Err(WorkError::Usage(
-                "the field has an elastic body, which `next` does not use: with the springs alone, it would allow \
-                 motions that exceed the limit; wanted a field of the same touches that was learned without a body \
-                 (`palpate map` without --estimator elastic)"
+                "the field has an elastic body, but no bands with it, so palpate cannot say how large the torques may \
+                 become; wanted a field of at least one touch, learned with this version (`palpate map --from FIELD` \
+                 learns its touches again)"
                     .to_owned(),
             ));
         }
-        progress.note("the prediction uses the springs of the field, not its elastic body");
+        progress.note("the torques are those of the field's springs, without its elastic body");
     }
     Ok(())
+}
+
+/// For each motion, the largest torque of a joint, N·m, predicted and with its band, if the field has an elastic body
+/// and bands with it.
+fn with_body(
+    arm: &Arc<Arm>,
+    field: &Field,
+    motions: &[TouchSamples],
+    progress: &dyn Progress,
+) -> Result<Option<Vec<[f64; 2]>>, WorkError> {
+    let Some(calibration) = field.bands().filter(|_| field.elastic.is_some()) else {
+        return Ok(None);
+    };
+    let bar = progress.begin(Some(motions.len() as u64), "motions", "bending the elastic body");
+    let largest = |motion: &TouchSamples| -> Result<[f64; 2], WorkError> {
+        let mut predictor =
+            Predictor::planned(Arc::clone(arm), field).map_err(SettingsError::value)?;
+        predictor.begin_touch();
+        let mut frames = Vec::new();
+        for sample in &motion.samples {
+            if progress.stopped() {
+                return Err(WorkError::Interrupted { kept: String::new() });
+            }
+            let Some(at) = predictor.step(sample).map_err(WorkError::file)? else { continue };
+            frames.push(PredictedFrame {
+                torque: at.predicted.data.into(),
+                spread: at.spread.map_or(Vec::new(), |spread| spread.data.into()),
+                measured: at.external.data.into(),
+                contacts: [at.contacts, at.known],
+            });
+        }
+        bar.step();
+        Ok(largest_torque_n_m(Some(calibration), frames))
+    };
+    let torques: Result<Vec<_>, WorkError> = motions.par_iter().map(largest).collect();
+    torques.map(Some)
 }
 
 /// Ranks `candidates` by what they would teach about the torques of the motions in `task`, or of the candidates
@@ -149,7 +188,10 @@ pub fn next(
     let fault = |error| fault(&recorded, error, String::new());
     let tracked = TrackedTouches::new(arm, &config, &motions, &stop).map_err(fault)?;
     let stds = (untouched_std_n_per_m(saved), torque_std_n_m(saved));
-    let judge = NextTouch::new(&tracked, field, stds);
+    let mut judge = NextTouch::new(&tracked, field, stds);
+    if let Some(torques) = with_body(arm, field, &motions, progress)? {
+        judge = judge.with_body(torques);
+    }
     let count = candidates.len();
     let name = |motion: usize| tracked.touches[motion].name.clone();
     let (mut able, mut beyond_limit, mut touch_nothing) = (Vec::new(), Vec::new(), Vec::new());
@@ -209,7 +251,7 @@ fn untouched_std_n_per_m(saved: &SavedField) -> f64 {
         let (config, spacing_m) = (&snapshot.config.estimator, snapshot.config.lattice.spacing_m());
         config.stiffness_scale * config.prior.at_spacing(spacing_m).1
     });
-    let calibrated = saved.field.calibration.as_ref().map(|own| own.untouched_std_n_per_m);
+    let calibrated = saved.field.bands().map(|own| own.untouched_std_n_per_m);
     let least = || saved.field.std_n_per_m.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     calibrated.or(of_prior).unwrap_or_else(least)
 }

@@ -123,7 +123,7 @@ impl TouchResult {
     /// The band around the prediction, if the field is calibrated for this robot.
     pub fn band(&self, field: &Field) -> Option<Band> {
         let n_joints = self.frames.first()?.predicted.len();
-        let calibration = field.calibration.as_ref().filter(|own| own.check(n_joints).is_ok())?;
+        let calibration = field.bands().filter(|own| own.check(n_joints).is_ok())?;
         let frame = |frame: &FrameResult| {
             Some(PredictedFrame {
                 torque: frame.predicted.as_slice().to_vec(),

@@ -46,8 +46,8 @@ pub struct Field {
     /// The object as an elastic body, if one was learnt. The prediction is then the torque of the body plus that of
     /// springs with the stiffness [`ElasticModel::spring_n_per_m`].
     pub elastic: Option<Arc<ElasticModel>>,
-    /// Calibration of the prediction bands, if there is one. It is for springs alone: predictions with an elastic body
-    /// have no bands.
+    /// Calibration of the bands around predictions of the springs alone, if there is one; with an elastic body,
+    /// [`Field::bands`] is that of both together.
     pub calibration: Option<Calibration>,
 }
 
@@ -93,6 +93,14 @@ impl Field {
             Some(self.estimate(rows.find(cell), untouched_std_n_per_m))
         };
         places_m.iter().map(at).collect()
+    }
+
+    /// The calibration of the bands around this field's predictions: that with the elastic body, if there is a body.
+    pub fn bands(&self) -> Option<&Calibration> {
+        match &self.elastic {
+            Some(model) => model.calibration.as_ref(),
+            None => self.calibration.as_ref(),
+        }
     }
 
     /// The estimate of a row, or without a row that of a cell that is not in the field, with standard deviation
@@ -141,7 +149,7 @@ struct FieldSprings {
     /// Number of frames that touched each cell of the field.
     counts: Vec<u32>,
     untouched_n_per_m: f64,
-    /// [`Calibration::spring_variance`] of each cell of the field, and of all other cells, if the field is calibrated.
+    /// [`Calibration::spring_variance`] of the first rows, and of all other cells, if the field is calibrated.
     variances: Option<(Vec<f64>, f64)>,
 }
 
@@ -159,18 +167,16 @@ impl FieldSprings {
             untouched_n_per_m =
                 model.spring_n_per_m(untouched_n_per_m, model.untouched_residual_n_per_m);
         }
+        let variances = field.bands().map(|calibration| {
+            let untouched_std = calibration.untouched_std_n_per_m;
+            let std = field.std_n_per_m.iter().copied().chain(std::iter::repeat(untouched_std));
+            let own = stiffness_n_per_m.iter().zip(std);
+            let own = own.map(|(&k, std)| calibration.spring_variance(k, std)).collect();
+            (own, calibration.spring_variance(untouched_n_per_m, untouched_std))
+        });
         let points_and_k = rows.points_m().iter().zip(stiffness_n_per_m);
         let cells = points_and_k.map(|(&point, k)| CellState::new(point, k)).collect();
         let (observations, counts) = (ObservationBuilder::new(rows), field.counts.clone());
-        // Bands are calibrated for springs alone, not for springs beside a body.
-        let calibration = field.calibration.as_ref().filter(|_| field.elastic.is_none());
-        let variances = calibration.map(|calibration| {
-            let variance =
-                |(stiffness, std): (&f64, &f64)| calibration.spring_variance(*stiffness, *std);
-            let own = field.stiffness_n_per_m.iter().zip(&field.std_n_per_m).map(variance);
-            let others = (&field.untouched_n_per_m, &calibration.untouched_std_n_per_m);
-            (own.collect(), variance(others))
-        });
         Self { observations, cells, counts, untouched_n_per_m, variances }
     }
 

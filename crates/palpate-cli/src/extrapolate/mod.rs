@@ -169,7 +169,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Result<(), CliError> {
     write(&args.output, cloud, &found.extrapolation)?;
     if let Some(path) = &args.field {
         field::save(path, &filled(saved.clone(), &found.cells)).map_err(CliError::file)?;
-        if saved.field.calibration.is_some() && !found.cells.is_empty() {
+        if saved.field.bands().is_some() && !found.cells.is_empty() {
             output.note("the new field has no bands: they were calibrated for the old one");
         }
     }

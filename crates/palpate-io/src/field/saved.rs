@@ -299,7 +299,6 @@ fn from_arrays(arrays: &Arrays) -> Result<SavedField, SavedError> {
     field.counts = file.counts.ok_or_else(|| foreign("N_obs"))?;
     field.stiffness_n_per_m = file.stiffness;
     field.calibration = meta.calibration;
-    check_calibration(arrays, &field, meta.mapper.is_some())?;
     if file.lattice != Some(FieldLattice::from(&field.lattice)) {
         let what = "the array `lattice` differs from the lattice in the settings";
         return Err(contradiction(arrays, what.to_owned()));
@@ -320,6 +319,7 @@ fn from_arrays(arrays: &Arrays) -> Result<SavedField, SavedError> {
     if let Some((model, touches)) = elastic::read(arrays, &field.lattice)? {
         (field.elastic, elastic_touches) = (Some(Arc::new(model)), touches);
     }
+    check_calibrations(arrays, &field, meta.mapper.is_some())?;
     let mut saved = SavedField {
         field,
         prior_n_per_m: file.prior,
@@ -357,14 +357,17 @@ fn check_points(arrays: &Arrays, field: &Field, points: &[[f64; 3]]) -> Result<(
     Err(contradiction(arrays, what))
 }
 
-/// Refuses an invalid calibration, or one whose number of joints differs from that of the sample log, if there is one.
-fn check_calibration(arrays: &Arrays, field: &Field, has_mapper: bool) -> Result<(), SavedError> {
-    let Some(calibration) = &field.calibration else { return Ok(()) };
-    let n_joints = match has_mapper {
-        true => arrays.require(name_in(arrays, "log_q"))?.shape()[1],
-        false => calibration.floor_n_m.len(),
-    };
-    calibration.check(n_joints).map_err(|what| contradiction(arrays, what))
+/// Refuses an invalid calibration, of the springs alone or with an elastic body, or one whose number of joints differs
+/// from that of the sample log, if there is one.
+fn check_calibrations(arrays: &Arrays, field: &Field, has_mapper: bool) -> Result<(), SavedError> {
+    for calibration in field.calibration.iter().chain(field.bands()) {
+        let n_joints = match has_mapper {
+            true => arrays.require(name_in(arrays, "log_q"))?.shape()[1],
+            false => calibration.floor_n_m.len(),
+        };
+        calibration.check(n_joints).map_err(|what| contradiction(arrays, what))?;
+    }
+    Ok(())
 }
 
 /// The error for arrays that contradict each other.

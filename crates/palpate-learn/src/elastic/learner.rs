@@ -5,8 +5,9 @@ use std::sync::Arc;
 use palpate::unstable::{ElasticBody, ElasticModel};
 use palpate::{Arm, MapperConfig, Sample};
 
-use super::model;
 use super::simulated::{BodyTorques, ConvergenceCounts};
+use super::{learnt, model};
+use crate::calibrate::{calibrate, inner_folds};
 use crate::error::{LearnError, Stop};
 use crate::tracked::{TouchSamples, TrackedTouches};
 
@@ -17,6 +18,7 @@ pub struct ElasticBodyLearner {
     config: MapperConfig,
     touches: Vec<TouchSamples>,
     torques: Arc<BodyTorques>,
+    calibrates: bool,
 }
 
 impl ElasticBodyLearner {
@@ -27,7 +29,20 @@ impl ElasticBodyLearner {
     /// Without a body.
     pub fn new(arm: &Arc<Arm>, config: &MapperConfig, bodies: &[Arc<ElasticBody>]) -> Self {
         let torques = Arc::new(BodyTorques::new(bodies));
-        Self { arm: Arc::clone(arm), config: config.clone(), touches: Vec::new(), torques }
+        let (arm, config) = (Arc::clone(arm), config.clone());
+        Self { arm, config, touches: Vec::new(), torques, calibrates: false }
+    }
+
+    /// Also calibrates the bands on held-out touches, if there are enough. For this, each touch is predicted from the
+    /// others, which takes about as long as the simulation.
+    #[must_use]
+    pub fn calibrating(self) -> Self {
+        Self { calibrates: true, ..self }
+    }
+
+    /// The number of times that held-out touches are predicted, if this many touches are learnt.
+    pub fn folds(&self, touches: usize) -> usize {
+        if self.calibrates { inner_folds(&(0..touches).collect::<Vec<_>>()).len() } else { 0 }
     }
 
     /// Number of learnt touches.
@@ -44,7 +59,8 @@ impl ElasticBodyLearner {
     /// before.
     ///
     /// `step` is called after each simulated touch, from any thread: [`super::steps`] times for the new
-    /// touches, and again for older ones if the best contact has changed.
+    /// touches, and again for older ones if the best contact has changed. If the learner is calibrating, it is also
+    /// called [`ElasticBodyLearner::folds`] times.
     ///
     /// # Errors
     ///
@@ -75,10 +91,18 @@ impl ElasticBodyLearner {
         let mut tracked = TrackedTouches::new(&self.arm, &self.config, touches, stop)?;
         let all: Vec<usize> = (0..touches.len()).collect();
         let torques = Arc::make_mut(&mut self.torques);
-        let training = std::slice::from_ref(&all);
-        torques.extend(&self.arm, (&tracked, touches), training, (stop, step))?;
+        let folds = if self.calibrates { inner_folds(&all) } else { Vec::new() };
+        let mut training: Vec<Vec<usize>> = folds.into_iter().map(|fold| fold.train).collect();
+        training.push(all.clone());
+        torques.extend(&self.arm, (&tracked, touches), &training, (stop, step))?;
         tracked.body = Some(Arc::clone(&self.torques));
-        model(&tracked, &all, &self.config, stop)
+        let mut model = model(&tracked, &all, &self.config, stop)?;
+        if self.calibrates
+            && let Some(own) = calibrate(learnt, &tracked, &all, &self.config, (stop, step))?
+        {
+            model.calibration = Some(own);
+        }
+        Ok(model)
     }
 
     /// Forgets all touches but the `newest` last ones.

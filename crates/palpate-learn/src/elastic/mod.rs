@@ -27,6 +27,7 @@ use palpate::MapperConfig;
 use palpate::unstable::{CellState, ElasticContactConfig, ElasticModel, Estimator, FrameId};
 
 use self::stiffness::{touch_error, with_torque};
+use crate::calibrate;
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::folds::Fold;
 use crate::method::TorquesByTouch;
@@ -173,6 +174,28 @@ impl<'a> Lesson<'a> {
         };
         Ok(Self { field, both, constants, weights })
     }
+
+    /// Weight of the body's torque in the prediction.
+    fn share(&self) -> f64 {
+        (self.weights.body + self.weights.both).min(1.0)
+    }
+
+    /// The part of a spring's stiffness in the prediction that explains the residual of the body, N/m.
+    fn residual_n_per_m(&self, row: usize) -> f64 {
+        self.weights.both * f64::max(self.both.estimator.stiffness(row), 0.0)
+    }
+
+    /// What was learnt, for predictions of the touches of `tracked`.
+    fn learnt<'t>(&self, tracked: &'t TrackedTouches) -> calibrate::Predicted<'t> {
+        let (share, constants) = (self.share(), self.constants.clone());
+        let body = tracked.body.as_deref().expect("the caller gave a body");
+        let of_body = move |touch, at| share * body.torque(&constants, touch, at);
+        let field = &*self.field.estimator;
+        let stiffness = |row: usize| {
+            (1.0 - share) * f64::max(field.stiffness(row), 0.0) + self.residual_n_per_m(row)
+        };
+        calibrate::Predicted::by(tracked, field, stiffness).with_body(of_body)
+    }
 }
 
 /// Learns a fold's training touches, and predicts its test touches by field and body.
@@ -190,24 +213,36 @@ pub fn predict(
     config: &MapperConfig,
     stop: Stop<'_>,
 ) -> Result<Predicted, LearnError> {
-    let Lesson { field, both, constants, weights } =
-        Lesson::learn(tracked, &fold.train, config, stop)?;
-    let cells = [field.cells(), both.cells()];
-    let torque = |touch: usize, frame: usize| {
-        weights.field * field.torque(&cells[0], touch, frame)
-            + weights.body * both.of_body(touch, frame)
-            + weights.both * both.torque(&cells[1], touch, frame)
-    };
-    let frames = |&touch: &usize| {
-        let frames = 0..tracked.touches[touch].frames.len();
-        frames.map(|frame| torque(touch, frame).as_slice().to_vec()).collect()
-    };
-    Ok(Predicted { torques: fold.test.iter().map(frames).collect(), constants, weights })
+    let lesson = Lesson::learn(tracked, &fold.train, config, stop)?;
+    let learnt = lesson.learnt(tracked);
+    let torques = |&touch: &usize| learnt.frames(touch).map(|frame| frame.torque).collect();
+    let torques = fold.test.iter().map(torques).collect();
+    let Lesson { constants, weights, .. } = lesson;
+    Ok(Predicted { torques, constants, weights })
+}
+
+/// Learns touches, for predictions by field and body.
+///
+/// # Errors
+///
+/// As [`predict`].
+///
+/// # Panics
+///
+/// As [`predict`].
+pub(crate) fn learnt<'a>(
+    tracked: &'a TrackedTouches,
+    touches: &[usize],
+    config: &MapperConfig,
+    stop: Stop<'_>,
+) -> Result<calibrate::Predicted<'a>, LearnError> {
+    Ok(Lesson::learn(tracked, touches, config, stop)?.learnt(tracked))
 }
 
 /// Learns touches, and returns the body. Together with a field of the same touches it gives the same prediction as
 /// [`predict`], since torques are linear in the stiffness of body and springs. Without touches, the body has the
-/// typical stiffness and contact of other plants.
+/// typical stiffness and contact of other plants. The bands are those of other objects; [`ElasticBodyLearner`] can
+/// calibrate them.
 ///
 /// # Errors
 ///
@@ -222,8 +257,7 @@ pub fn model(
     config: &MapperConfig,
     stop: Stop<'_>,
 ) -> Result<ElasticModel, LearnError> {
-    let Lesson { both, constants, weights, .. } = Lesson::learn(tracked, touches, config, stop)?;
-    let residual = |row: usize| weights.both * f64::max(both.estimator.stiffness(row), 0.0);
+    let lesson = Lesson::learn(tracked, touches, config, stop)?;
     let of_touches = || touches.iter().map(|&touch| &tracked.touches[touch].in_contact);
     let path_m: f64 = of_touches().map(|motion| motion.path_m).sum();
     let time_s: f64 = of_touches().map(|motion| motion.time_s).sum();
@@ -231,16 +265,19 @@ pub fn model(
         true => (path_m / time_s).clamp(1e-3, 10.0),
         false => ElasticContactConfig::default().speed_m_per_s,
     };
+    let Lesson { both, constants, .. } = &lesson;
+    let residual = |row| lesson.residual_n_per_m(row);
     Ok(ElasticModel {
-        variants: both.body.variants(&constants),
+        variants: both.body.variants(constants),
         friction: constants.friction(),
         creep_s: constants.creep_s(),
         torque_limit_n_m: constants.torque_limit_n_m(),
-        share: (weights.body + weights.both).min(1.0),
+        share: lesson.share(),
         n_touches: touches.len(),
         speed_m_per_s,
         residual_cells: tracked.cells.clone(),
         residual_n_per_m: (0..tracked.cells.len()).map(residual).collect(),
         untouched_residual_n_per_m: residual(usize::MAX),
+        calibration: calibrate::of_other_objects(&lesson.learnt(tracked), touches),
     })
 }

@@ -42,7 +42,7 @@ pub struct ConvergenceCounts {
     pub not_converged: u64,
 }
 
-/// Number of calls of `step` for the simulation of `bodies` along `touches`.
+/// Number of calls of `step` for the simulation of this many bodies along touches.
 pub fn steps(touches: usize, bodies: usize) -> usize {
     touches * (CONTACT_CANDIDATES.len() + bodies.saturating_sub(1))
 }

@@ -571,7 +571,7 @@ class Field:
         (T, n_joints) rad each; `task` are the motions whose torques are to be predicted, by default the
         candidates. With `box`, a pair of corners, m, the stiffness in this box is to be known instead. `by`
         is the criterion, "variance" or "information". Motions are excluded if their predicted torque may
-        exceed `limit`, N·m, or if a joint exceeds its limits. With an elastic body, `limit` is not possible.
+        exceed `limit`, N·m, or if a joint exceeds its limits. With an elastic body, `limit` needs bands.
         """
     def without(
         self,

@@ -1,6 +1,7 @@
 //! Writes extrapolated stiffness into a field, as the expected stiffness of untouched cells.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use palpate::{CellId, EstimatorKind};
 use palpate_io::field::SavedField;
@@ -16,6 +17,7 @@ pub fn filled(mut saved: SavedField, expected: &[(CellId, f64)]) -> SavedField {
     let SavedField { field, snapshot, prior_n_per_m, .. } = &mut saved;
     // Bands were calibrated on other predictions.
     field.calibration = None;
+    field.elastic.iter_mut().for_each(|model| Arc::make_mut(model).calibration = None);
     snapshot.iter_mut().for_each(|snapshot| snapshot.calibration = None);
     // The least stiffness with which the estimator can begin, and the standard deviation of an untouched cell, N/m.
     let (least, std) = match snapshot {

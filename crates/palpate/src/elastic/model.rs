@@ -11,6 +11,7 @@ use super::body::{ElasticBody, ElasticBodyError};
 use super::contact::ElasticContactConfig;
 use super::equilibrium::Equilibrium;
 use crate::arm::Arm;
+use crate::calibration::Calibration;
 use crate::lattice::{CellId, Lattice};
 use crate::robot::Poses;
 
@@ -46,6 +47,9 @@ pub struct ElasticModel {
     pub residual_n_per_m: Vec<f64>,
     /// [`Self::residual_n_per_m`] of all other cells, N/m.
     pub untouched_residual_n_per_m: f64,
+    /// Calibration of the bands around the predictions of bodies and springs together, for as many joints as the arm.
+    #[serde(default)]
+    pub calibration: Option<Calibration>,
 }
 
 /// One possible body of an object.

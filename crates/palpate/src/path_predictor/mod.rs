@@ -96,7 +96,7 @@ pub struct PathPredictor {
     springs: Arc<Springs>,
     /// The object as an elastic body, bent as at the present position of the arm.
     body: Option<ElasticTorque>,
-    /// Calibration of bands, for the springs alone.
+    /// Calibration of bands.
     calibration: Option<Arc<Calibration>>,
 }
 
@@ -150,29 +150,24 @@ impl PathPredictor {
         let predictor = Self::new(&tracker, field.contact.clone(), springs);
         Ok(match field.elastic.as_deref() {
             Some(model) => predictor.with_body(model, ElasticTorque::new(arm, model)),
-            None => {
-                let n_joints = arm.robot.n_joints();
-                let fits = |own: &Calibration| own.check(n_joints).is_ok();
-                predictor.calibrated(field.calibration.clone().filter(fits))
-            }
+            None => predictor.calibrated(field.calibration.clone()),
         })
     }
 
-    /// Sets the calibration of bands.
+    /// Sets the calibration of bands, if it is for this number of joints.
     #[must_use]
     pub(crate) fn calibrated(mut self, calibration: Option<Calibration>) -> Self {
-        self.calibration = calibration.map(Arc::new);
+        let fits = |own: &Calibration| own.check(self.n_joints()).is_ok();
+        self.calibration = calibration.filter(fits).map(Arc::new);
         self
     }
 
-    /// Adds an elastic body, bent as at the present position of the arm.
+    /// Adds an elastic body, bent as at the present position of the arm, and takes its bands.
     #[must_use]
     pub fn with_body(mut self, model: &ElasticModel, body: ElasticTorque) -> Self {
         Arc::make_mut(&mut self.springs).set_beside_body(model);
         self.body = Some(body);
-        // Bands were calibrated without it.
-        self.calibration = None;
-        self
+        self.calibrated(model.calibration.clone())
     }
 
     /// Number of joint positions of each point of a path.
