@@ -382,7 +382,13 @@ impl Summary<'_> {
         } else if config.method == EstimatorKind::Elastic {
             found.push(("elastic body", "none, map is used alone".to_owned()));
         }
-        found.push(("bands", calibrated_on(self.calibration())));
+        let bands = match self.body {
+            Some(body) if body.calibration.is_none() && body.n_touches > 0 => {
+                "none: the field has extrapolated stiffness".to_owned()
+            }
+            _ => calibrated_on(self.calibration()),
+        };
+        found.push(("bands", bands));
         found.push(("time", seconds(elapsed)));
         found.extend(self.pace.as_ref().map(|pace| ("pace", pace.text())));
         let before = tally.before_learning();

@@ -34,7 +34,8 @@ cells that it touches, whatever the task, in nats (one nat: a quantity is known 
 --limit leaves out motions whose predicted torque may exceed it at a joint. If the field has an \
 elastic body, the body is bent along each motion. The band for largest \
 torques is added to the prediction (at 90 %, or the field's highest level if that is lower), or \
-twice the standard deviation of the springs if the field has no bands. Cells that the field does \
+twice the standard deviation of the springs if the field has no bands (with an elastic body, the \
+field must have bands). Positions between those of a motion are judged too. Cells that the field does \
 not know may be stiffer.
 
 Motions in which a joint exceeds its position limits in the URDF by more than 0.01 rad or m are \

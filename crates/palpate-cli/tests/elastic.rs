@@ -74,6 +74,15 @@ fn a_field_with_a_body_predicts_as_evaluate_does_and_continues_as_if_learnt_at_o
     assert_eq!(refused["proposals"].as_array().unwrap().len(), 0, "{refused}");
     let wanted = of("with_band_n_m");
     assert_eq!(refused["beyond_limit"][0]["with_band_n_m"].as_f64().unwrap(), wanted);
+
+    // Extrapolated stiffness is not what the bands were calibrated with.
+    let (filled, on) = (scene.text("filled.npz"), scene.text("on.npz"));
+    let (mut extrapolate, mut map) = (palpate(), palpate());
+    extrapolate.args(["extrapolate", &scene.text("once.npz"), &cloud, "--method", "cells"]);
+    succeed(extrapolate.args(["-o", &scene.text("cloud.ply"), "--field", &filled]));
+    let summary = json(map.args(["map", "--from", &filled, "-o", &on, "--json"]));
+    assert!(summary["bands"].is_null(), "{summary}");
+    assert!(load(&scene.path("on.npz")).unwrap().field.bands().is_none());
 }
 
 /// The largest predicted torque of a joint in a table of `palpate predict`, N·m.

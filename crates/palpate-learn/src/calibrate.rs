@@ -13,17 +13,13 @@ use palpate::{BandQuantiles, Calibration, LearntTorques, MapperConfig};
 use rayon::prelude::*;
 
 use crate::error::{LearnError, Stop};
-use crate::folds::{Fold, among};
-use crate::method::learn;
+use crate::folds::{FEWEST, inner_folds};
+use crate::method;
 use crate::study::for_thinned;
 use crate::tracked::{TrackedFrame, TrackedTouches};
 
-/// Fewest touches for a calibration.
-const FEWEST: usize = 3;
 /// The level of tables. If there are too few touches for it, the bands of other objects are used.
 pub(crate) const LEVEL: f64 = 0.9;
-/// Most folds; with more touches, groups of them are held out.
-const MAX_FOLDS: usize = 16;
 /// Levels of the calibration, as far as there are enough touches for them.
 const LEVELS: [f64; 9] = [0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 0.99];
 /// The level for which the coefficients of the half-width are fitted.
@@ -42,6 +38,8 @@ const RELATIVE_STD: f64 = 10.0;
 /// Steps of the quantile regression, and sweeps over the coefficients in each.
 const STEPS: usize = 40;
 const SWEEPS: usize = 30;
+/// Torques and spreads below this are almost zero, N·m.
+const ALMOST_ZERO: f64 = 1e-3;
 
 /// Predicted and measured torques of a frame, n_joints each, N·m.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,18 +84,13 @@ impl PredictedFrame {
     }
 }
 
-/// Learns touches: springs alone ([`springs`]), or with an elastic body ([`crate::elastic::learnt`]).
+/// Learns touches: [`learn_springs`] or [`crate::elastic::learn_with_body`].
 pub(crate) type Learn = for<'a> fn(
     &'a TrackedTouches,
     &[usize],
     &MapperConfig,
     Stop<'_>,
-) -> Result<Predicted<'a>, LearnError>;
-
-/// The folds of [`calibrate`]; none with fewer than three touches.
-pub(crate) fn inner_folds(train: &[usize]) -> Vec<Fold> {
-    if train.len() < FEWEST { Vec::new() } else { among(train, train.len().min(MAX_FOLDS)) }
-}
+) -> Result<FramePredictor<'a>, LearnError>;
 
 /// The calibration on training touches; `None` with fewer than three. With fewer than nine, the bands are those of
 /// other objects, and only the misfits come from these touches.
@@ -145,7 +138,10 @@ pub(crate) fn calibrate(
 }
 
 /// [`Calibration::of_other_objects`] after learning the touches `train`; `None` if these touch nothing.
-pub(crate) fn of_other_objects(predicted: &Predicted<'_>, train: &[usize]) -> Option<Calibration> {
+pub(crate) fn of_other_objects(
+    predicted: &FramePredictor<'_>,
+    train: &[usize],
+) -> Option<Calibration> {
     let touched = || {
         let in_contact = |&touch: &usize| {
             let frames = &predicted.tracked.touches[touch].frames;
@@ -164,7 +160,7 @@ pub(crate) fn of_other_objects(predicted: &Predicted<'_>, train: &[usize]) -> Op
 }
 
 /// What was learnt from touches, for predictions of frames: the springs, and the torque of an elastic body.
-pub(crate) struct Predicted<'a> {
+pub(crate) struct FramePredictor<'a> {
     tracked: &'a TrackedTouches,
     cells: Vec<CellState>,
     /// By row, the spring variance for the spread, (N/m)², and whether the cell was touched.
@@ -177,17 +173,17 @@ pub(crate) struct Predicted<'a> {
 type BodyTorque<'a> = Box<dyn Fn(usize, usize) -> DVector<f64> + 'a>;
 
 /// Learns touches as springs alone.
-pub(crate) fn springs<'a>(
+pub(crate) fn learn_springs<'a>(
     tracked: &'a TrackedTouches,
     touches: &[usize],
     config: &MapperConfig,
     stop: Stop<'_>,
-) -> Result<Predicted<'a>, LearnError> {
-    let estimator = learn(tracked, touches, config, &[], stop)?;
-    Ok(Predicted::by(tracked, &*estimator, |row| estimator.stiffness(row)))
+) -> Result<FramePredictor<'a>, LearnError> {
+    let estimator = method::learn(tracked, touches, config, &[], stop)?;
+    Ok(FramePredictor::by(tracked, &*estimator, |row| estimator.stiffness(row)))
 }
 
-impl<'a> Predicted<'a> {
+impl<'a> FramePredictor<'a> {
     /// With the standard deviations of an estimator, and a stiffness by row, N/m.
     pub(crate) fn by(
         tracked: &'a TrackedTouches,
@@ -302,9 +298,11 @@ fn fit_shape(touches: &[&[PredictedFrame]], calibration: &mut Calibration) {
     let n = calibration.floor_n_m.len();
     let total: f64 = rows.iter().map(|row| row.weight).sum();
     let mean = rows.iter().map(|row| row.error * row.weight).sum::<f64>() / total;
-    // Regressors are divided by their largest value, so that all coefficients are of similar size.
-    let largest = |of: fn(&Row) -> f64| rows.iter().map(of).fold(1e-9, f64::max);
-    let scales = [largest(|row| row.torque), largest(|row| row.spread)];
+    // Regressors are divided by their largest value, so that all coefficients are of similar size. One that is always
+    // almost zero is left out: its coefficient could be any number.
+    let largest = |of: fn(&Row) -> f64| rows.iter().map(of).fold(0.0, f64::max);
+    let largest = [largest(|row| row.torque), largest(|row| row.spread)];
+    let scales = largest.map(|largest| if largest < ALMOST_ZERO { f64::INFINITY } else { largest });
     let mut found = vec![mean; n + 2];
     let smallest = 1e-3 * mean + 1e-9;
     for _ in 0..STEPS {

@@ -8,7 +8,7 @@ use palpate::unstable::{Downsampling, TouchLog, Tracker};
 use palpate::{Arm, Calibration, EstimatorKind, MapperConfig, Sample, SettingError, Tare};
 use rayon::prelude::*;
 
-use crate::calibrate::{calibrate, springs};
+use crate::calibrate::{calibrate, learn_springs};
 use crate::error::{LearnError, Stop};
 use crate::torque_errors::RELATIVE_FROM_N_M;
 use crate::tracked::{TouchSamples, TrackedTouches, largest_torques};
@@ -200,7 +200,7 @@ pub fn bands(
         &other
     };
     let everything: Vec<usize> = (0..touches.len()).collect();
-    calibrate(springs, tracked, &everything, chosen, (stop, &|| ()))
+    calibrate(learn_springs, tracked, &everything, chosen, (stop, &|| ()))
 }
 
 /// The chosen settings and their score, in one line; they were chosen on `touches` of the touches that were `found`.

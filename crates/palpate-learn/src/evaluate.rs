@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::bands::{Band, Uncertainty};
-use crate::calibrate::{LEVEL, Learn, PredictedFrame, calibrate, of_other_objects, springs};
+use crate::calibrate::{LEVEL, Learn, PredictedFrame, calibrate, learn_springs, of_other_objects};
 use crate::elastic;
 use crate::error::{LearnError, Stop};
 use crate::evaluation::{Evaluation, HeldOutTouch, MethodPrediction, MethodSummary};
@@ -130,9 +130,10 @@ impl EvaluationPlan {
             let own = (&self.folds[fold], config);
             let (torques, uncertainty) = match method {
                 Method::Elastic if tracked.body.is_some() => {
-                    with_uncertainty(elastic::learnt, tracked, own, stop)
+                    let counted = elastic::with_torque(tracked, &own.0.train);
+                    with_uncertainty((elastic::learn_with_body, &counted), tracked, own, stop)
                 }
-                Method::Map => with_uncertainty(springs, tracked, own, stop),
+                Method::Map => with_uncertainty((learn_springs, &own.0.train), tracked, own, stop),
                 _ => method.predict(tracked, own.0, config, stop).map(|torques| (torques, None)),
             }
             .map_err(|source| PartError { method, fold, source })?;
@@ -192,10 +193,10 @@ impl EvaluationPlan {
     }
 }
 
-/// Torques that an estimator predicts for a fold's test touches, and their uncertainty: calibrated on the training
-/// touches, and that of other objects.
+/// Torques that an estimator predicts for a fold's test touches, and their uncertainty: calibrated on the touches
+/// `counted`, and that of other objects.
 fn with_uncertainty(
-    learn: Learn,
+    (learn, counted): (Learn, &[usize]),
     tracked: &TrackedTouches,
     (fold, config): (&Fold, &MapperConfig),
     stop: Stop<'_>,
@@ -208,7 +209,7 @@ fn with_uncertainty(
         torques.push(own);
         spreads.push(spread);
     }
-    let calibration = calibrate(learn, tracked, &fold.train, config, (stop, &|| ()))?;
+    let calibration = calibrate(learn, tracked, counted, config, (stop, &|| ()))?;
     // With few touches the calibration is already of other objects, and a second one would differ from it only because
     // it follows other replays.
     let others = match calibration.as_ref().filter(|own| own.of_other_objects) {

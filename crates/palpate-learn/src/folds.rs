@@ -31,6 +31,16 @@ pub(crate) fn among(touches: &[usize], n: usize) -> Vec<Fold> {
     folds(touches.len(), n).into_iter().map(inner).collect()
 }
 
+/// Fewest touches for a calibration of bands.
+pub(crate) const FEWEST: usize = 3;
+/// Most folds of a calibration; with more touches, groups of them are held out.
+const MAX_FOLDS: usize = 16;
+
+/// The folds on which bands are calibrated; none with fewer than [`FEWEST`] touches.
+pub(crate) fn inner_folds(train: &[usize]) -> Vec<Fold> {
+    if train.len() < FEWEST { Vec::new() } else { among(train, train.len().min(MAX_FOLDS)) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

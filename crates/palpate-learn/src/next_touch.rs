@@ -75,8 +75,8 @@ pub struct NextTouch<'a> {
     field: &'a Field,
     rows: FieldEstimates,
     torque_std: f64,
-    /// [`NextTouch::torque_n_m`] of each motion, if the field has an elastic body.
-    with_body: Option<Vec<[f64; 2]>>,
+    /// [`NextTouch::torque_n_m`] of each motion, if it is not that of the springs alone.
+    given_n_m: Option<Vec<[f64; 2]>>,
 }
 
 impl<'a> NextTouch<'a> {
@@ -89,20 +89,20 @@ impl<'a> NextTouch<'a> {
         (untouched_std_n_per_m, torque_std): (f64, f64),
     ) -> Self {
         let rows = FieldEstimates::of(tracked, field, untouched_std_n_per_m);
-        Self { tracked, field, rows, torque_std, with_body: None }
+        Self { tracked, field, rows, torque_std, given_n_m: None }
     }
 
     /// Sets [`NextTouch::torque_n_m`] of all motions, which is otherwise that of the springs alone.
     #[must_use]
-    pub fn with_body(self, torques_n_m: Vec<[f64; 2]>) -> Self {
-        Self { with_body: Some(torques_n_m), ..self }
+    pub fn with_torques(self, torques_n_m: Vec<[f64; 2]>) -> Self {
+        Self { given_n_m: Some(torques_n_m), ..self }
     }
 
     /// Largest torque of a joint along a motion, N·m: predicted, and with the half-width of the band for largest
     /// torques at the default level (without bands: with twice the spread) added.
     pub fn torque_n_m(&self, motion: usize) -> [f64; 2] {
-        if let Some(with_body) = &self.with_body {
-            return with_body[motion];
+        if let Some(given_n_m) = &self.given_n_m {
+            return given_n_m[motion];
         }
         let calibration = self.field.calibration.as_ref();
         let calibration = calibration.filter(|own| own.check(self.tracked.n_joints).is_ok());

@@ -16,9 +16,9 @@ use palpate::{
 };
 use rayon::prelude::*;
 
-use crate::calibrate::inner_folds;
-use crate::elastic::{BodyTorques, ConvergenceCounts};
+use crate::elastic::{BodyTorques, ConvergenceCounts, with_torque};
 use crate::error::{LearnError, Stop, unless_stopped};
+use crate::folds::inner_folds;
 use crate::regression::Frames;
 use crate::thinning::Ways;
 
@@ -216,7 +216,8 @@ impl TrackedTouches {
 
     /// Adds the simulated torques of an elastic body along every touch, for [`crate::method::Method::Elastic`]. Several
     /// bodies are alternatives for the same object, the most likely first. `training` are the sets of touches, by
-    /// index, from which the body will be learnt and bands calibrated. `step` is called [`crate::elastic::steps`] times, from any thread.
+    /// index, from which the body will be learnt and bands calibrated. `step` is called [`crate::elastic::steps`]
+    /// times, from any thread.
     ///
     /// # Errors
     ///
@@ -232,7 +233,8 @@ impl TrackedTouches {
         (touches, training): (&[TouchSamples], &[Vec<usize>]),
         (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
     ) -> Result<Self, LearnError> {
-        let folds = training.iter().flat_map(|train| inner_folds(train)).map(|fold| fold.train);
+        let folds = training.iter().flat_map(|train| inner_folds(&with_torque(&self, train)));
+        let folds = folds.map(|fold| fold.train);
         let training: Vec<Vec<usize>> = training.iter().cloned().chain(folds).collect();
         let mut torques = BodyTorques::new(bodies);
         torques.extend(arm, (&self, touches), &training, (stop, step))?;

@@ -8,9 +8,10 @@ use std::collections::HashMap;
 use common::NEVER;
 use palpate::{BandQuantiles, Calibration, Field};
 use palpate_learn::LearnError;
+use palpate_learn::calibrate::PredictedFrame;
 use palpate_learn::change::moved::{ObjectMotion, moved};
 use palpate_learn::change::{Change, compare};
-use palpate_learn::tracked::TrackedTouches;
+use palpate_learn::tracked::{TrackedFrame, TrackedTouch, TrackedTouches};
 
 fn tracked() -> TrackedTouches {
     common::tracked(&[2, 8], 4)
@@ -62,13 +63,34 @@ fn with_torques_of(tracked: TrackedTouches, field: &Field, factor: f64) -> Track
 }
 
 #[test]
+fn with_an_elastic_body_its_predictions_are_compared_instead_of_the_springs() {
+    let (arm, tracked) = (common::arm(), tracked());
+    let field = field(&tracked);
+    let now = with_torques_of(tracked, &field, 2.5);
+    let frame = |frame: &TrackedFrame| PredictedFrame {
+        torque: frame.observation.tau().as_slice().to_vec(),
+        spread: vec![0.0; 7],
+        measured: frame.observation.tau().as_slice().to_vec(),
+        contacts: [1, 1],
+    };
+    let in_contact = |touch: &TrackedTouch| {
+        touch.frames.iter().filter(|own| own.observation.n_contacts() > 0).map(frame).collect()
+    };
+    let with_body = now.touches.iter().map(in_contact).collect();
+    let found = compare((&arm, &now), (&field, Some(with_body)), None, NEVER).unwrap().1;
+    assert_eq!(found.change, Change::Unchanged, "{found:?}");
+    let springs = compare((&arm, &now), (&field, None), None, NEVER).unwrap().1;
+    assert!(matches!(springs.change, Change::Harder { .. }), "{springs:?}");
+}
+
+#[test]
 fn the_kind_of_change_is_found() {
     let (arm, tracked) = (common::arm(), tracked());
     let field = field(&tracked);
     let found = |torques_of: &Field, factor: f64| {
         let (each, together) = compare(
             (&arm, &with_torques_of(tracked.clone(), torques_of, factor)),
-            &field,
+            (&field, None),
             None,
             NEVER,
         )
@@ -125,7 +147,7 @@ fn a_repeated_touch_is_compared_with_the_earlier_torques_however_bad_the_field_i
     let learnt = with_torques_of(tracked.clone(), &truth, 1.0);
     let found = |factor: f64, learnt: Option<&TrackedTouches>| {
         let new = with_torques_of(tracked.clone(), &truth, factor);
-        compare((&arm, &new), &field, learnt, NEVER).unwrap().1
+        compare((&arm, &new), (&field, None), learnt, NEVER).unwrap().1
     };
     let alone = found(1.0, None);
     assert!(alone.contradiction > 1.0 && alone.repeats.is_empty(), "a bad field: {alone:?}");
@@ -148,13 +170,13 @@ fn a_repeated_touch_is_compared_with_the_earlier_torques_however_bad_the_field_i
     // A change in one touch does not affect the other.
     let mut new = learnt.clone();
     new.touches[1] = with_torques_of(tracked.clone(), &truth, 0.3).touches.remove(1);
-    let of_one = compare((&arm, &new), &field, Some(&learnt), NEVER).unwrap().1;
+    let of_one = compare((&arm, &new), (&field, None), Some(&learnt), NEVER).unwrap().1;
     let Change::Softer { factor } = of_one.change else { panic!("{of_one:?}") };
     assert!((factor - 0.3).abs() < 1e-9 && of_one.error.scaled.unwrap() < 1e-6, "{of_one:?}");
     // The earlier and the new torques are so small that they may be noise.
     let faint = with_torques_of(tracked.clone(), &truth, 1e-3);
     let none = with_torques_of(tracked.clone(), &truth, 0.0);
-    let noisy = compare((&arm, &none), &field, Some(&faint), NEVER).unwrap().1;
+    let noisy = compare((&arm, &none), (&field, None), Some(&faint), NEVER).unwrap().1;
     assert_eq!(noisy.change, Change::Unchanged, "{noisy:?}");
     // A touch on another path repeats nothing.
     let others = common::tracked(&[5], 4);
@@ -172,7 +194,7 @@ fn a_touch_that_repeats_another_finds_a_moved_object_where_the_field_predicts_no
     for shift_m in [[0.05, 0.0, 0.0], [-0.05, 0.0, 0.0], [0.03, 0.03, 0.0]] {
         let motion = ObjectMotion { shift_m, turn_rad: 0.0, about_m: [middle[0], middle[1]] };
         let new = with_torques_of(tracked.clone(), &moved(&truth, motion), 1.0);
-        let found = compare((&arm, &new), &field, Some(&learnt), NEVER).unwrap().1;
+        let found = compare((&arm, &new), (&field, None), Some(&learnt), NEVER).unwrap().1;
         assert!(matches!(found.change, Change::Moved(_)), "{shift_m:?}: {found:?}");
     }
 }
@@ -212,7 +234,7 @@ fn a_field_without_bands_is_refused() {
     let mut field = field(&tracked);
     field.calibration = None;
     assert!(matches!(
-        compare((&common::arm(), &tracked), &field, None, NEVER),
+        compare((&common::arm(), &tracked), (&field, None), None, NEVER),
         Err(LearnError::NoBands)
     ));
 }

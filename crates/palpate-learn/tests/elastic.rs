@@ -219,6 +219,16 @@ fn bands_calibrated_with_a_body_hold_what_it_does_not_explain() {
     assert!(others.of_other_objects && !calibration.of_other_objects);
     assert_eq!((calibration.touches, calibration.misfits.len()), (10, 10));
     assert!(calibration.highest_level() == 0.9, "{calibration:?}");
+    // Touches without torque do not count.
+    let mut light = touches.clone();
+    for sample in light[..3].iter_mut().flat_map(|touch| &mut touch.samples) {
+        sample.tau.fill(0.01);
+    }
+    let samples = light.iter().map(|touch| touch.samples.clone());
+    let few = learner().calibrating().learn(samples, (NEVER, &|| ())).unwrap();
+    let few = few.calibration.unwrap();
+    assert!(few.of_other_objects && few.misfits.len() == 7, "{few:?}");
+
     assert_eq!(
         ElasticModel { calibration: None, ..given },
         ElasticModel { calibration: None, ..own }

@@ -61,10 +61,14 @@ struct Learnt {
 }
 
 impl Learnt {
-    /// Replaces the model; bands that were calibrated on held-out touches stay.
+    /// Replaces the model. Bands that were calibrated on held-out touches stay; a body with touches but no bands, as after
+    /// an extrapolation, gets none.
     fn replace(&mut self, model: ElasticModel) {
-        let before = self.model.calibration.as_ref().filter(|own| !own.of_other_objects);
-        let calibration = before.cloned().or(model.calibration);
+        let calibration = match &self.model.calibration {
+            Some(own) if !own.of_other_objects => Some(own.clone()),
+            None if self.model.n_touches > 0 => None,
+            _ => model.calibration,
+        };
         self.model = Arc::new(ElasticModel { calibration, ..model });
     }
 }
@@ -400,6 +404,10 @@ mod tests {
             calibration: Some(calibration.clone()),
         };
         let newer = bands(0.2, true);
+        let without = Arc::new(ElasticModel { calibration: None, ..model(&newer) });
+        let mut extrapolated = Learnt { model: without, touches: Vec::new(), waiting: 0 };
+        extrapolated.replace(model(&newer));
+        assert_eq!(extrapolated.model.calibration, None);
         for (older, stays) in [(bands(0.1, true), false), (bands(0.1, false), true)] {
             let model_before = Arc::new(model(&older));
             let mut learnt = Learnt { model: model_before, touches: Vec::new(), waiting: 0 };

@@ -180,7 +180,7 @@ impl PathReply {
         let points = &answer.points;
         let band = match (&answer.calibration, level) {
             (None, Some(_)) => {
-                return Err("these predictions have no bands: nothing was touched yet".to_owned());
+                return Err("these predictions have no bands".to_owned());
             }
             (None, None) => None,
             (Some(own), level) => {

@@ -7,10 +7,12 @@ use palpate::unstable::LoggedTouch;
 use palpate::{Arm, ExternalTorqueConfig, MapperConfig, Snapshot};
 use palpate_io::field::SavedField;
 use palpate_learn::LearnError;
+use palpate_learn::calibrate::PredictedFrame;
 use palpate_learn::change::{self, Comparison};
 use palpate_learn::tracked::{TouchSamples, TrackedTouches};
 use serde::Serialize;
 
+use crate::elastic::predicted_with_body;
 use crate::error::WorkError;
 use crate::evaluate::{fault, touch_samples};
 use crate::forget;
@@ -56,6 +58,18 @@ fn learnt(
     TrackedTouches::new(arm, &config, &whole.map(touch).collect::<Vec<_>>(), stop)
 }
 
+/// The predictions for the tracked frames in contact, by touch, from those for all samples.
+fn in_contact(
+    tracked: &TrackedTouches,
+    mut samples: Vec<Vec<Option<PredictedFrame>>>,
+) -> Vec<Vec<PredictedFrame>> {
+    let frames = tracked.touches.iter().zip(&mut samples).map(|(touch, samples)| {
+        let in_contact = touch.frames.iter().filter(|f| f.observation.n_contacts() > 0);
+        in_contact.filter_map(|frame| samples[frame.sample as usize].take()).collect()
+    });
+    frames.collect()
+}
+
 /// Compares the touches of logs with a field; `touch` is the convention of their torques. Touches that repeat a touch
 /// of the field's memory are compared with that touch, too.
 ///
@@ -69,9 +83,6 @@ pub fn compare(
     mut touches: Touches,
     progress: &dyn Progress,
 ) -> Result<ComparisonReport, WorkError> {
-    if field.elastic.is_some() {
-        progress.note("the comparison uses the springs of the field, not its elastic body");
-    }
     let mut config = MapperConfig::of(palpate::EstimatorKind::Map);
     (config.lattice, config.contact) = (field.lattice.clone(), field.contact.clone());
     config.touch = touch;
@@ -95,9 +106,19 @@ pub fn compare(
         }
         None => None,
     };
-    let compared = TrackedTouches::new(arm, &config, &named, &stop)
-        .and_then(|tracked| change::compare((arm, &tracked), field, learnt.as_ref(), &stop));
-    let (each, together) = compared.map_err(|error| fault(&recorded, error, String::new()))?;
+    let fault = |error| fault(&recorded, error, String::new());
+    change::comparable(field, arm.robot.n_joints()).map_err(fault)?;
+    let tracked = TrackedTouches::new(arm, &config, &named, &stop).map_err(fault)?;
+    let with_body = match field.elastic {
+        Some(_) => {
+            let given = (arm, field);
+            let samples = predicted_with_body(given, &config.touch, &named, (&stop, &|| ()));
+            Some(in_contact(&tracked, samples.map_err(fault)?))
+        }
+        None => None,
+    };
+    let compared = change::compare((arm, &tracked), (field, with_body), learnt.as_ref(), &stop);
+    let (each, together) = compared.map_err(fault)?;
     let touches = recorded.into_iter().zip(each);
     let touches = touches
         .map(|(touch, comparison)| TouchComparison { name: touch.name, log: touch.log, comparison })

@@ -3,11 +3,14 @@
 use std::sync::Arc;
 
 use nalgebra::Point3;
-use palpate::unstable::{ElasticBody, ElasticModel, SegmentKind};
-use palpate::{Arm, EstimatorKind, Mapper, Sample};
+use palpate::unstable::{Downsampling, ElasticBody, ElasticModel, SegmentKind};
+use palpate::{
+    Arm, EstimatorKind, ExternalTorqueConfig, Field, Mapper, MapperError, Predictor, Sample,
+};
 use palpate_io::cloud::Cloud;
 use palpate_io::field::SavedField;
 use palpate_learn::body::{ObjectCloud, ObjectHints, ObjectKind, candidate_bodies};
+use palpate_learn::calibrate::PredictedFrame;
 use palpate_learn::elastic::{ConvergenceCounts, ElasticBodyLearner, steps};
 use palpate_learn::tracked::{TouchSamples, TrackedTouches};
 use palpate_learn::{LearnError, Stop};
@@ -201,9 +204,9 @@ fn simulating<T>(
     Ok(simulated)
 }
 
-/// The field of a mapper, with an elastic body learnt from the same touches and the bands of both; the field alone if
-/// there are no bodies.
-/// `touches` are the samples of all touches that the mapper has learnt.
+/// The field of a mapper, with an elastic body learnt from the same touches; the field alone if there are no bodies. The
+/// bands are those of both together; there are none if the field has extrapolated stiffness, with which the body was not
+/// learnt. `touches` are the samples of all touches that the mapper has learnt.
 ///
 /// # Errors
 ///
@@ -225,7 +228,7 @@ pub fn learn_body(
         let model = learner.learn(touches.clone(), stop_and_step)?;
         Ok((model, learner.convergence()))
     });
-    let learnt = learnt.map_err(|error| match error {
+    let mut learnt = learnt.map_err(|error| match error {
         LearnError::Stopped => {
             let kept = " while the elastic body was learnt; nothing was written".to_owned();
             WorkError::Interrupted { kept }
@@ -238,9 +241,53 @@ pub fn learn_body(
              kind (--object-kind), or is it not where the cloud shows it?",
         );
     }
+    if saved.prior_n_per_m.is_some() {
+        learnt.calibration = None;
+    }
     saved.field.elastic = Some(Arc::new(learnt));
     saved.elastic_touches = touches;
     Ok(saved)
+}
+
+/// A field's predictions for the samples of touches, with its elastic body; `None` for samples of the tare, and for those
+/// that are too close to the one before to be learnt.
+///
+/// # Errors
+///
+/// Names the first touch and sample that cannot be used; or on being stopped.
+pub(crate) fn predicted_with_body(
+    (arm, field): (&Arc<Arm>, &Field),
+    config: &ExternalTorqueConfig,
+    touches: &[TouchSamples],
+    (stop, step): (Stop<'_>, &(dyn Fn() + Sync)),
+) -> Result<Vec<Vec<Option<PredictedFrame>>>, LearnError> {
+    let predict = |(number, touch): (usize, &TouchSamples)| {
+        let mut predictor = Predictor::new(Arc::clone(arm), field, config.clone())?;
+        predictor.begin_touch();
+        let mut downsampling = Downsampling::default();
+        let frames = touch.samples.iter().enumerate().map(|(sample, logged)| {
+            if stop() {
+                return Err(LearnError::Stopped);
+            }
+            if !downsampling.takes(logged) && predictor.tare().is_some() {
+                return Ok(None);
+            }
+            let at = predictor.step(logged).map_err(|error| {
+                let source = MapperError::from(error);
+                LearnError::Sample { touch: number, sample, source }
+            })?;
+            Ok(at.map(|at| PredictedFrame {
+                torque: at.predicted.data.into(),
+                spread: at.spread.map_or(Vec::new(), |spread| spread.data.into()),
+                measured: at.external.data.into(),
+                contacts: [at.contacts, at.known],
+            }))
+        });
+        let frames = frames.collect::<Result<_, LearnError>>();
+        step();
+        frames
+    };
+    touches.par_iter().enumerate().with_max_len(1).map(predict).collect()
 }
 
 /// Start and end of each segment of a body, m, by frame.

@@ -3,20 +3,22 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use palpate::{Arm, EstimatorKind, Field, Gravity, MapperConfig, Predictor, Robot, Sample, Tare};
+use palpate::{
+    Arm, Calibration, EstimatorKind, ExternalTorqueConfig, Field, Gravity, MapperConfig, Robot,
+    Sample, Tare,
+};
 use palpate_io::field::SavedField;
-use palpate_learn::calibrate::PredictedFrame;
 use palpate_learn::next_touch::{Criterion, NextTouch, Proposal, Task, largest_torque_n_m};
 use palpate_learn::tracked::{TouchSamples, TrackedTouches};
-use rayon::prelude::*;
+use palpate_learn::{LearnError, Stop};
 use serde::Serialize;
 
 use crate::contact_counts::low_and_high;
+use crate::elastic::predicted_with_body;
 use crate::error::WorkError;
 use crate::evaluate::{fault, touch_samples};
 use crate::inspect::log::LIMIT_MARGIN;
 use crate::progress::Progress;
-use crate::settings::SettingsError;
 use crate::touches::RecordedTouch;
 
 /// How motions are to be ranked.
@@ -112,9 +114,9 @@ fn check(
     if field.elastic.is_some() && field.bands().is_none() {
         if request.limit_n_m.is_some() {
             return Err(WorkError::Usage(
-                "the field has an elastic body, but no bands with it, so palpate cannot say how large the torques may \
-                 become; wanted a field of at least one touch, learned with this version (`palpate map --from FIELD` \
-                 learns its touches again)"
+                "the field has an elastic body, but no bands, so palpate cannot say how large the torques may become; \
+                 wanted a field that has learned at least one touch with this version of palpate, and no extrapolated \
+                 stiffness (`palpate map LOG --cloud CLOUD` learns one)"
                     .to_owned(),
             ));
         }
@@ -123,40 +125,23 @@ fn check(
     Ok(())
 }
 
-/// For each motion, the largest torque of a joint, N·m, predicted and with its band, if the field has an elastic body
-/// and bands with it.
-fn with_body(
-    arm: &Arc<Arm>,
-    field: &Field,
-    motions: &[TouchSamples],
+/// The largest torque of a joint in each motion, N·m, predicted by springs and body and with its band; 0 where a motion
+/// is not among the `wanted`.
+fn torques_with_body(
+    (arm, field): (&Arc<Arm>, &Field),
+    (config, calibration): (&ExternalTorqueConfig, &Calibration),
+    (motions, wanted): (&[TouchSamples], &[usize]),
     progress: &dyn Progress,
-) -> Result<Option<Vec<[f64; 2]>>, WorkError> {
-    let Some(calibration) = field.bands().filter(|_| field.elastic.is_some()) else {
-        return Ok(None);
-    };
-    let bar = progress.begin(Some(motions.len() as u64), "motions", "bending the elastic body");
-    let largest = |motion: &TouchSamples| -> Result<[f64; 2], WorkError> {
-        let mut predictor =
-            Predictor::planned(Arc::clone(arm), field).map_err(SettingsError::value)?;
-        predictor.begin_touch();
-        let mut frames = Vec::new();
-        for sample in &motion.samples {
-            if progress.stopped() {
-                return Err(WorkError::Interrupted { kept: String::new() });
-            }
-            let Some(at) = predictor.step(sample).map_err(WorkError::file)? else { continue };
-            frames.push(PredictedFrame {
-                torque: at.predicted.data.into(),
-                spread: at.spread.map_or(Vec::new(), |spread| spread.data.into()),
-                measured: at.external.data.into(),
-                contacts: [at.contacts, at.known],
-            });
-        }
-        bar.step();
-        Ok(largest_torque_n_m(Some(calibration), frames))
-    };
-    let torques: Result<Vec<_>, WorkError> = motions.par_iter().map(largest).collect();
-    torques.map(Some)
+) -> Result<Vec<[f64; 2]>, LearnError> {
+    let bar = progress.begin(Some(wanted.len() as u64), "motions", "bending the elastic body");
+    let watch: (Stop<'_>, &(dyn Fn() + Sync)) = (&|| progress.stopped(), &|| bar.step());
+    let touches: Vec<TouchSamples> = wanted.iter().map(|motion| motions[*motion].clone()).collect();
+    let predicted = predicted_with_body((arm, field), config, &touches, watch)?;
+    let mut torques = vec![[0.0; 2]; motions.len()];
+    for (&motion, frames) in wanted.iter().zip(predicted) {
+        torques[motion] = largest_torque_n_m(Some(calibration), frames.into_iter().flatten());
+    }
+    Ok(torques)
 }
 
 /// Ranks `candidates` by what they would teach about the torques of the motions in `task`, or of the candidates
@@ -176,22 +161,17 @@ pub fn next(
 ) -> Result<Proposals, WorkError> {
     let field = &saved.field;
     check(arm, field, request, progress)?;
-    let mut config = MapperConfig::of(EstimatorKind::Map);
-    (config.lattice, config.contact) = (field.lattice.clone(), field.contact.clone());
-    config.touch.gravity = Gravity::Removed;
-    config.touch.tare = Tare::None;
+    let config = of_plans(field);
     let recorded = [candidates, task].concat();
     let motions: Vec<TouchSamples> =
-        touch_samples(&recorded, false)?.into_iter().map(planned).collect();
+        touch_samples(&recorded, false)?.into_iter().map(|own| planned(own, &arm.robot)).collect();
     let stop = || progress.stopped();
-    let _bar = progress.begin(None, "motions", "judging");
     let fault = |error| fault(&recorded, error, String::new());
+    let bar = progress.begin(None, "motions", "judging");
     let tracked = TrackedTouches::new(arm, &config, &motions, &stop).map_err(fault)?;
+    drop(bar);
     let stds = (untouched_std_n_per_m(saved), torque_std_n_m(saved));
     let mut judge = NextTouch::new(&tracked, field, stds);
-    if let Some(torques) = with_body(arm, field, &motions, progress)? {
-        judge = judge.with_body(torques);
-    }
     let count = candidates.len();
     let name = |motion: usize| tracked.touches[motion].name.clone();
     let (mut able, mut beyond_limit, mut touch_nothing) = (Vec::new(), Vec::new(), Vec::new());
@@ -202,15 +182,25 @@ pub fn next(
             continue;
         }
         within.push(motion);
-        let torque = judge.torque_n_m(motion)[1];
-        if tracked.touches[motion].frames_in_contact() == 0 {
-            touch_nothing.push(name(motion));
-        } else if !request.limit_n_m.is_none_or(|limit| torque <= limit) {
-            beyond_limit.push(BeyondLimit { name: name(motion), with_band_n_m: torque });
-        } else {
-            able.push(motion);
+        match tracked.touches[motion].frames_in_contact() {
+            0 => touch_nothing.push(name(motion)),
+            _ => able.push(motion),
         }
     }
+    if let Some(calibration) = field.bands().filter(|_| field.elastic.is_some()) {
+        let own = (&config.touch, calibration);
+        let torques = torques_with_body((arm, field), own, (&motions, &able), progress);
+        judge = judge.with_torques(torques.map_err(fault)?);
+    }
+    able.retain(|&motion| {
+        let with_band_n_m = judge.torque_n_m(motion)[1];
+        let is_within = request.limit_n_m.is_none_or(|limit| with_band_n_m <= limit);
+        if !is_within {
+            beyond_limit.push(BeyondLimit { name: name(motion), with_band_n_m });
+        }
+        is_within
+    });
+    let _bar = progress.begin(None, "motions", "ranking");
     let mut found =
         Proposals { proposals: Vec::new(), beyond_limit, beyond_joint_limits, touch_nothing };
     if able.is_empty() {
@@ -230,11 +220,48 @@ pub fn next(
     Ok(found)
 }
 
-/// A motion with zero torques.
-fn planned(touch: TouchSamples) -> TouchSamples {
-    let still =
-        |sample: Sample| Sample::new(sample.time_s, sample.q.clone(), vec![0.0; sample.q.len()]);
-    TouchSamples { samples: touch.samples.into_iter().map(still).collect(), ..touch }
+/// The settings with which motions without torques are simulated.
+fn of_plans(field: &Field) -> MapperConfig {
+    let mut config = MapperConfig::of(EstimatorKind::Map);
+    (config.lattice, config.contact) = (field.lattice.clone(), field.contact.clone());
+    (config.touch.gravity, config.touch.tare) = (Gravity::Removed, Tare::None);
+    config
+}
+
+/// Largest motion of a joint from one judged position to the next, rad or m.
+const LONGEST_STEP: f64 = 0.02;
+/// Most judged positions from one position of a motion to the next.
+const MOST_STEPS: f64 = 1_000.0;
+
+/// A motion with zero torques, and with positions between those that are far apart: the largest torque may come there.
+fn planned(touch: TouchSamples, robot: &Robot) -> TouchSamples {
+    let mut samples: Vec<Sample> = Vec::with_capacity(touch.samples.len());
+    for sample in touch.samples {
+        if let Some(before) = samples.last().cloned() {
+            samples.extend(between(&before, &sample, robot));
+        }
+        let torques = vec![0.0; sample.q.len()];
+        samples.push(Sample::new(sample.time_s, sample.q, torques));
+    }
+    TouchSamples { samples, ..touch }
+}
+
+/// Samples between two, such that no joint moves by more than [`LONGEST_STEP`]; none for positions of another robot,
+/// which are refused later.
+fn between(from: &Sample, to: &Sample, robot: &Robot) -> Vec<Sample> {
+    let n_joints = robot.n_joints();
+    if from.q.len() != n_joints || to.q.len() != n_joints {
+        return Vec::new();
+    }
+    let way = robot.difference(&from.q, &to.q);
+    let longest = way.iter().fold(0.0, |most: f64, own| most.max(own.abs()));
+    let steps = (longest / LONGEST_STEP).ceil().clamp(1.0, MOST_STEPS);
+    let at = |step: usize| {
+        let part = step as f64 / steps;
+        let time_s = from.time_s.zip(to.time_s).map(|(from, to)| from + part * (to - from));
+        Sample::new(time_s, robot.interpolate(&from.q, &to.q, part), vec![0.0; n_joints])
+    };
+    (1..steps as usize).map(at).collect()
 }
 
 /// Standard deviation of a measured torque, N·m: the largest torque noise of a joint with which the field was learnt;
@@ -254,4 +281,30 @@ fn untouched_std_n_per_m(saved: &SavedField) -> f64 {
     let calibrated = saved.field.bands().map(|own| own.untouched_std_n_per_m);
     let least = || saved.field.std_n_per_m.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     calibrated.or(of_prior).unwrap_or_else(least)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sparse_plan_is_judged_along_the_whole_way() {
+        let robot = Robot::built_in("kinova_gen3").unwrap();
+        let (mut from, mut to) = (vec![0.0; 7], vec![0.0; 7]);
+        (from[0], to[0], to[1]) = (3.1, -3.1, 0.5);
+        let samples = [(0.0, &from), (2.0, &to)].map(|(time_s, q): (f64, &Vec<f64>)| {
+            Sample::new(Some(time_s), q.clone(), vec![1.0; 7])
+        });
+        let touch = TouchSamples { name: "plan".into(), samples: samples.to_vec(), truth: None };
+        let found = planned(touch, &robot).samples;
+        assert_eq!(found.len(), 26);
+        assert_eq!([&found[0].q, &found[25].q], [&from, &to]);
+        for pair in found.windows(2) {
+            let way = robot.difference(&pair[0].q, &pair[1].q);
+            assert!(way.iter().all(|own| own.abs() <= LONGEST_STEP + 1e-12), "{way:?}");
+            let passed_s = pair[1].time_s.unwrap() - pair[0].time_s.unwrap();
+            assert!((passed_s - 0.08).abs() < 1e-9, "{passed_s}");
+        }
+        assert!(found.iter().all(|sample| sample.tau == [0.0; 7]));
+    }
 }

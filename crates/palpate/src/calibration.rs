@@ -297,9 +297,9 @@ impl Calibration {
             ));
         }
         let levels: Vec<f64> = self.quantiles.iter().map(|own| own.level).collect();
-        let rise = levels.windows(2).all(|pair| pair[0] < pair[1]);
+        let rise = levels.windows(2).all(|pair| pair[0] < pair[1]) && !levels.is_empty();
         if !rise || levels.iter().any(|level| !(*level > 0.0 && *level < 1.0)) {
-            return Err("the levels of the bands must rise and lie between 0 and 1".to_owned());
+            return Err("the bands need levels that rise and lie between 0 and 1".to_owned());
         }
         Ok(())
     }

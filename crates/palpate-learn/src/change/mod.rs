@@ -154,27 +154,36 @@ pub struct ContradictedRegion {
 /// Compares touches with a field. Returns a comparison of each touch, and one of all touches together.
 ///
 /// `tracked` are the new touches under the field's lattice and contact model, `learnt` those that the field has learnt,
-/// if they are available.
+/// if they are available. For a field with an elastic body, `with_body` are its predictions for the frames in contact,
+/// by touch; motions, and differences from repeated touches, are judged by the springs alone.
 ///
 /// # Errors
 ///
 /// If the field has no bands for these joints or too few misfits, or on being stopped.
 pub fn compare(
     (arm, tracked): (&Arm, &TrackedTouches),
-    field: &Field,
+    (field, with_body): (&Field, Option<Vec<Vec<PredictedFrame>>>),
     learnt: Option<&TrackedTouches>,
     stop: Stop<'_>,
 ) -> Result<(Vec<Comparison>, Comparison), LearnError> {
-    let calibration = field
-        .calibration
-        .as_ref()
-        .filter(|own| own.misfits.len() >= FEWEST && own.check(tracked.n_joints).is_ok());
-    let calibration = calibration.ok_or(LearnError::NoBands)?;
+    let calibration = comparable(field, tracked.n_joints)?;
     let learnt = learnt.map(|own| Learnt::new(arm, own, field, calibration.untouched_std_n_per_m));
-    let beside = Beside::of(tracked, field, calibration).repeating(arm, learnt.as_ref(), stop)?;
+    let mut beside =
+        Beside::of(tracked, field, calibration).repeating(arm, learnt.as_ref(), stop)?;
+    beside.predicted = with_body.unwrap_or(beside.predicted);
     let all: Vec<usize> = (0..tracked.touches.len()).collect();
     let each = all.iter().map(|touch| beside.compare(&[*touch], stop));
     Ok((each.collect::<Result<_, _>>()?, beside.compare(&all, stop)?))
+}
+
+/// The calibration with which touches can be compared with a field.
+///
+/// # Errors
+///
+/// If the field has no bands for so many joints, or too few misfits.
+pub fn comparable(field: &Field, n_joints: usize) -> Result<&Calibration, LearnError> {
+    let fits = |own: &&Calibration| own.misfits.len() >= FEWEST && own.check(n_joints).is_ok();
+    field.bands().filter(fits).ok_or(LearnError::NoBands)
 }
 
 /// New touches and a field, for comparisons.

@@ -6,9 +6,10 @@ use palpate::unstable::{ElasticBody, ElasticModel};
 use palpate::{Arm, MapperConfig, Sample};
 
 use super::simulated::{BodyTorques, ConvergenceCounts};
-use super::{learnt, model};
-use crate::calibrate::{calibrate, inner_folds};
+use super::{learn_with_body, model, with_torque};
+use crate::calibrate::calibrate;
 use crate::error::{LearnError, Stop};
+use crate::folds::inner_folds;
 use crate::tracked::{TouchSamples, TrackedTouches};
 
 /// Learns an object's elastic body from touches. Simulated torques are kept, so that only new touches are simulated.
@@ -33,14 +34,14 @@ impl ElasticBodyLearner {
         Self { arm, config, touches: Vec::new(), torques, calibrates: false }
     }
 
-    /// Also calibrates the bands on held-out touches, if there are enough. For this, each touch is predicted from the
-    /// others, which takes about as long as the simulation.
+    /// Also calibrates the bands on held-out touches, if enough of them have torque. For this, each of these is predicted
+    /// from the others, which takes about a quarter of all the time.
     #[must_use]
     pub fn calibrating(self) -> Self {
         Self { calibrates: true, ..self }
     }
 
-    /// The number of times that held-out touches are predicted, if this many touches are learnt.
+    /// The most times that held-out touches are predicted, if this many touches are learnt.
     pub fn folds(&self, touches: usize) -> usize {
         if self.calibrates { inner_folds(&(0..touches).collect::<Vec<_>>()).len() } else { 0 }
     }
@@ -60,7 +61,7 @@ impl ElasticBodyLearner {
     ///
     /// `step` is called after each simulated touch, from any thread: [`super::steps`] times for the new
     /// touches, and again for older ones if the best contact has changed. If the learner is calibrating, it is also
-    /// called [`ElasticBodyLearner::folds`] times.
+    /// called at most [`ElasticBodyLearner::folds`] times.
     ///
     /// # Errors
     ///
@@ -91,17 +92,15 @@ impl ElasticBodyLearner {
         let mut tracked = TrackedTouches::new(&self.arm, &self.config, touches, stop)?;
         let all: Vec<usize> = (0..touches.len()).collect();
         let torques = Arc::make_mut(&mut self.torques);
-        let folds = if self.calibrates { inner_folds(&all) } else { Vec::new() };
-        let mut training: Vec<Vec<usize>> = folds.into_iter().map(|fold| fold.train).collect();
+        let counted = if self.calibrates { with_torque(&tracked, &all) } else { Vec::new() };
+        let folds = inner_folds(&counted).into_iter();
+        let mut training: Vec<Vec<usize>> = folds.map(|fold| fold.train).collect();
         training.push(all.clone());
         torques.extend(&self.arm, (&tracked, touches), &training, (stop, step))?;
         tracked.body = Some(Arc::clone(&self.torques));
         let mut model = model(&tracked, &all, &self.config, stop)?;
-        if self.calibrates
-            && let Some(own) = calibrate(learnt, &tracked, &all, &self.config, (stop, step))?
-        {
-            model.calibration = Some(own);
-        }
+        let own = calibrate(learn_with_body, &tracked, &counted, &self.config, (stop, step))?;
+        model.calibration = own.or(model.calibration);
         Ok(model)
     }
 

@@ -26,8 +26,8 @@ use nalgebra::DVector;
 use palpate::MapperConfig;
 use palpate::unstable::{CellState, ElasticContactConfig, ElasticModel, Estimator, FrameId};
 
-use self::stiffness::{touch_error, with_torque};
-use crate::calibrate;
+use self::stiffness::touch_error;
+use crate::calibrate::{FramePredictor, of_other_objects};
 use crate::error::{LearnError, Stop, unless_stopped};
 use crate::folds::Fold;
 use crate::method::TorquesByTouch;
@@ -37,6 +37,7 @@ pub use self::learner::ElasticBodyLearner;
 pub(crate) use self::simulated::BodyTorques;
 pub use self::simulated::{CONTACT_CANDIDATES, ConvergenceCounts, steps};
 pub use self::stiffness::ElasticParameters;
+pub(crate) use self::stiffness::with_torque;
 
 /// Weights of the three predictions; they sum to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -186,7 +187,7 @@ impl<'a> Lesson<'a> {
     }
 
     /// What was learnt, for predictions of the touches of `tracked`.
-    fn learnt<'t>(&self, tracked: &'t TrackedTouches) -> calibrate::Predicted<'t> {
+    fn predictor<'t>(&self, tracked: &'t TrackedTouches) -> FramePredictor<'t> {
         let (share, constants) = (self.share(), self.constants.clone());
         let body = tracked.body.as_deref().expect("the caller gave a body");
         let of_body = move |touch, at| share * body.torque(&constants, touch, at);
@@ -194,7 +195,7 @@ impl<'a> Lesson<'a> {
         let stiffness = |row: usize| {
             (1.0 - share) * f64::max(field.stiffness(row), 0.0) + self.residual_n_per_m(row)
         };
-        calibrate::Predicted::by(tracked, field, stiffness).with_body(of_body)
+        FramePredictor::by(tracked, field, stiffness).with_body(of_body)
     }
 }
 
@@ -214,8 +215,8 @@ pub fn predict(
     stop: Stop<'_>,
 ) -> Result<Predicted, LearnError> {
     let lesson = Lesson::learn(tracked, &fold.train, config, stop)?;
-    let learnt = lesson.learnt(tracked);
-    let torques = |&touch: &usize| learnt.frames(touch).map(|frame| frame.torque).collect();
+    let predictor = lesson.predictor(tracked);
+    let torques = |&touch: &usize| predictor.frames(touch).map(|frame| frame.torque).collect();
     let torques = fold.test.iter().map(torques).collect();
     let Lesson { constants, weights, .. } = lesson;
     Ok(Predicted { torques, constants, weights })
@@ -230,13 +231,13 @@ pub fn predict(
 /// # Panics
 ///
 /// As [`predict`].
-pub(crate) fn learnt<'a>(
+pub(crate) fn learn_with_body<'a>(
     tracked: &'a TrackedTouches,
     touches: &[usize],
     config: &MapperConfig,
     stop: Stop<'_>,
-) -> Result<calibrate::Predicted<'a>, LearnError> {
-    Ok(Lesson::learn(tracked, touches, config, stop)?.learnt(tracked))
+) -> Result<FramePredictor<'a>, LearnError> {
+    Ok(Lesson::learn(tracked, touches, config, stop)?.predictor(tracked))
 }
 
 /// Learns touches, and returns the body. Together with a field of the same touches it gives the same prediction as
@@ -278,6 +279,6 @@ pub fn model(
         residual_cells: tracked.cells.clone(),
         residual_n_per_m: (0..tracked.cells.len()).map(residual).collect(),
         untouched_residual_n_per_m: residual(usize::MAX),
-        calibration: calibrate::of_other_objects(&lesson.learnt(tracked), touches),
+        calibration: of_other_objects(&lesson.predictor(tracked), touches),
     })
 }

@@ -156,7 +156,7 @@ impl BodyTorques {
 }
 
 /// The touches with a frame of at least [`TORQUE_FLOOR`]; others do not determine the stiffness.
-pub(super) fn with_torque(tracked: &TrackedTouches, touches: &[usize]) -> Vec<usize> {
+pub(crate) fn with_torque(tracked: &TrackedTouches, touches: &[usize]) -> Vec<usize> {
     let has_torque = |touch: &&usize| {
         let frames = &tracked.touches[**touch].frames;
         frames.iter().any(|frame| frame.observation.tau().norm() >= TORQUE_FLOOR)

@@ -551,7 +551,7 @@ class Field:
         """Tests whether touches of logs contradict the field, and what has changed, as `palpate compare` does.
 
         The settings may change how the log is read (`log`), and sign, gravity and tare of its torques
-        (`touch`). Raises FileError if the field has no bands.
+        (`touch`). Raises FileError if no touches were held out when the field was learned.
         """
     def next(
         self,

@@ -240,7 +240,7 @@ class MethodRow(TypedDict):
     avg_relative: MeanStd | None
     max_relative: MeanStd | None
     coverage: Coverage | None
-    """Coverage of the bands of map."""
+    """Coverage of the bands; None for a method without bands."""
     coverage_of_other_objects: Coverage | None
     """Coverage of bands that were calibrated on other objects."""
 
