@@ -43,7 +43,7 @@ pub enum LearnError {
     /// A field without calibrated bands.
     #[error(
         "no touches were held out when this field was learned, so it is unknown how well touches should fit; map its \
-         logs again with at least three touches, without a prior, and with tuning unless it has an elastic body"
+         logs again with at least three touches, without a prior, and with tuning unless the field has an elastic body"
     )]
     NoBands,
     /// Stopped by the caller.
