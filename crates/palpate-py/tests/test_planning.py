@@ -1,5 +1,6 @@
 """Cost and limit of motions agree with the predicted torques; a plan costs no more than the straight path."""
 
+import pickle
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -104,6 +105,28 @@ def test_a_band_of_half_a_newton_metre_lowers_the_limit_by_it(
     alone = palpate.Field.from_arrays(field.points, field.stiffness, lattice=field.lattice)
     with pytest.raises(ValueError, match="no bands"):
         FieldCost(alone.path_predictor(robot)).limit(pushes, 1.0, with_band=True)
+
+
+def test_a_field_with_an_elastic_body_has_bands_once_something_was_touched(
+    plant: Path, robot: palpate.Robot, pushes: list[Array]
+) -> None:
+    cloud = plant / "object.ply"
+    untouched = palpate.map_elastic(None, cloud, robot=robot)
+    with pytest.raises(ValueError, match="no bands"):
+        FieldCost(untouched.path_predictor(robot)).limit(pushes, 1.0, with_band=True)
+    with pytest.raises(palpate.PalpateError, match="no bands"):
+        untouched.next(pushes, robot=robot, limit=1.0)
+    field = palpate.map_elastic(plant / "seq_000", cloud, robot=robot)
+    cost = FieldCost(pickle.loads(pickle.dumps(field)).path_predictor(robot))
+    largest = float(np.abs(cost.predictor.ask_all([cost.rows(pushes[0])])[0].torque).max())
+    assert cost.limit(pushes[0], 1.001 * largest) == -1
+    assert cost.limit(pushes[0], 1.001 * largest, with_band=True) >= 0
+    assert cost.limit(pushes[0], 100.0 * largest, with_band=True) == -1
+    found = field.next(pushes, robot=robot, limit=100.0 * largest)["proposals"]
+    assert len(found) == len(pushes)
+    for own in found:
+        assert own["torque_n_m"] > 0.9 * np.abs(field.predict(pushes[own["candidate"]], robot)).max()
+        assert own["with_band_n_m"] > own["torque_n_m"]
 
 
 def test_work_is_that_of_the_torques_along_the_path(predictor: palpate.PathPredictor, pushes: list[Array]) -> None:
