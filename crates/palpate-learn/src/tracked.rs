@@ -371,7 +371,8 @@ impl TrackedTouch {
         self.in_contact().count()
     }
 
-    pub(crate) fn in_contact(&self) -> impl Iterator<Item = &TrackedFrame> + Clone {
+    /// The frames in contact.
+    pub fn in_contact(&self) -> impl Iterator<Item = &TrackedFrame> + Clone {
         self.frames.iter().filter(|frame| frame.observation.n_contacts() > 0)
     }
 }

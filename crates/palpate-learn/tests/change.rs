@@ -73,9 +73,7 @@ fn with_an_elastic_body_its_predictions_are_compared_instead_of_the_springs() {
         measured: frame.observation.tau().as_slice().to_vec(),
         contacts: [1, 1],
     };
-    let in_contact = |touch: &TrackedTouch| {
-        touch.frames.iter().filter(|own| own.observation.n_contacts() > 0).map(frame).collect()
-    };
+    let in_contact = |touch: &TrackedTouch| touch.in_contact().map(frame).collect();
     let with_body = now.touches.iter().map(in_contact).collect();
     let found = compare((&arm, &now), (&field, Some(with_body)), None, NEVER).unwrap().1;
     assert_eq!(found.change, Change::Unchanged, "{found:?}");

@@ -64,8 +64,7 @@ fn in_contact(
     mut samples: Vec<Vec<Option<PredictedFrame>>>,
 ) -> Vec<Vec<PredictedFrame>> {
     let frames = tracked.touches.iter().zip(&mut samples).map(|(touch, samples)| {
-        let in_contact = touch.frames.iter().filter(|f| f.observation.n_contacts() > 0);
-        in_contact.filter_map(|frame| samples[frame.sample as usize].take()).collect()
+        touch.in_contact().filter_map(|frame| samples[frame.sample as usize].take()).collect()
     });
     frames.collect()
 }

@@ -193,7 +193,7 @@ impl<'a> Lesson<'a> {
         let of_body = move |touch, at| share * body.torque(&constants, touch, at);
         let field = &*self.field.estimator;
         let stiffness = |row: usize| {
-            (1.0 - share) * f64::max(field.stiffness(row), 0.0) + self.residual_n_per_m(row)
+            ElasticModel::spring_beside(share, field.stiffness(row), self.residual_n_per_m(row))
         };
         FramePredictor::by(tracked, field, stiffness).with_body(of_body)
     }

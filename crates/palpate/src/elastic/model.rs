@@ -78,7 +78,12 @@ impl ElasticModel {
     /// The stiffness of a spring in predictions, N/m: (1 − share) times its K in a field that was learnt from the whole
     /// torque, plus its residual stiffness beside the bodies.
     pub fn spring_n_per_m(&self, field_n_per_m: f64, residual_n_per_m: f64) -> f64 {
-        (1.0 - self.share) * f64::max(field_n_per_m, 0.0) + residual_n_per_m
+        Self::spring_beside(self.share, field_n_per_m, residual_n_per_m)
+    }
+
+    /// [`Self::spring_n_per_m`] beside bodies with this share.
+    pub fn spring_beside(share: f64, field_n_per_m: f64, residual_n_per_m: f64) -> f64 {
+        (1.0 - share) * f64::max(field_n_per_m, 0.0) + residual_n_per_m
     }
 
     /// Checks that the parts fit each other and a lattice.
