@@ -110,7 +110,7 @@ pub fn study(
     let base = TrackedTouches::new(arm, given, touches, stop)?;
     let one_by_one = folds(touches.len(), touches.len());
     let each = settings.iter().flat_map(|config| one_by_one.iter().map(move |fold| (config, fold)));
-    let chosen = chosen((arm, touches, &base), (given, plan.choose), &one_by_one, (stop, done))?;
+    let chosen = chosen((arm, touches), (given, plan.choose), &one_by_one, (stop, done))?;
     let parts: Vec<(&MapperConfig, &Fold)> = each.chain(chosen.iter().zip(&one_by_one)).collect();
     let mut scores: Vec<Option<TouchScore>> = vec![None; parts.len()];
     let mut by_touches_learnt = Vec::new();
@@ -140,7 +140,7 @@ pub fn study(
 
 /// By fold, the settings that are chosen on its training touches; none if there are too few of these.
 fn chosen(
-    (arm, touches, base): (&Arc<Arm>, &[TouchSamples], &TrackedTouches),
+    (arm, touches): (&Arc<Arm>, &[TouchSamples]),
     (given, choose): (&MapperConfig, Option<FixedSettings>),
     folds: &[Fold],
     (stop, done): (Stop<'_>, &(dyn Fn() + Sync)),
@@ -149,7 +149,8 @@ fn chosen(
         return Ok(Vec::new());
     };
     let search = Search::quick(given, fixed);
-    let tuner = Tuner::new((arm, touches, base), given, search, stop, done)?;
+    let base = TrackedTouches::sparse(arm, given, touches, stop)?;
+    let tuner = Tuner::new((arm, touches, &base), given, search, stop, done)?;
     folds.iter().map(|fold| Ok(tuner.tune(&fold.train, stop)?.config)).collect()
 }
 

@@ -1,4 +1,4 @@
-//! Converts errors to Python exceptions, with the same text as the command prints.
+//! Converts errors to Python exceptions, with the text that the command prints and keywords in place of flags.
 
 use std::error::Error;
 
@@ -98,5 +98,38 @@ exceptions! {
 
 /// An error and its causes as one text.
 fn text(error: &dyn Error) -> String {
-    with_causes(error).join("\n  because ")
+    in_keywords(&with_causes(error).join("\n  because "))
+}
+
+/// A message of the command with Python's keywords in place of flags: `torque_sign` for `--torque-sign`, `tare=False`
+/// for `--no-tare`. Commands in backticks (`palpate map LOG --cloud CLOUD`) stay as they are.
+pub(crate) fn in_keywords(message: &str) -> String {
+    let parts = message.split('`').enumerate().map(|(number, part)| match number % 2 {
+        0 => without_flags(part, "`"),
+        _ if part.starts_with("--") => without_flags(part, ""),
+        _ => part.to_owned(),
+    });
+    parts.collect::<Vec<_>>().join("`")
+}
+
+/// Replaces flags by keywords between `quotes`.
+fn without_flags(text: &str, quotes: &str) -> String {
+    let mut replaced = String::new();
+    let mut rest = text;
+    while let Some(at) = rest.find("--") {
+        let (before, flag) = rest.split_at(at);
+        let is_word = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+        let end = flag.find(|c| !is_word(c)).unwrap_or(flag.len());
+        let name = &flag[2..end];
+        let starts_word = before.is_empty() || before.ends_with([' ', '(']);
+        let keyword = match name.strip_prefix("no-") {
+            Some(name) => format!("{quotes}{}=False{quotes}", name.replace('-', "_")),
+            None => format!("{quotes}{}{quotes}", name.replace('-', "_")),
+        };
+        let is_flag = starts_word && name.starts_with(|c: char| c.is_ascii_lowercase());
+        replaced += before;
+        replaced += if is_flag { &keyword } else { &flag[..end] };
+        rest = &flag[end..];
+    }
+    replaced + rest
 }

@@ -15,7 +15,7 @@ use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyBool;
 
-use crate::error::{PalpateWarning, Raised, Result};
+use crate::error::{PalpateWarning, Raised, Result, in_keywords};
 
 /// Interval at which the calling thread checks the work.
 const LOOK: Duration = Duration::from_millis(50);
@@ -94,11 +94,12 @@ impl Watch {
                 Message::Note(text) => {
                     let logging = py.import(intern!(py, "logging"))?;
                     let logger = logging.call_method1(intern!(py, "getLogger"), ("palpate",))?;
-                    logger.call_method1(intern!(py, "info"), ("%s", text))?;
+                    logger.call_method1(intern!(py, "info"), ("%s", in_keywords(&text)))?;
                 }
                 Message::Warning(text) => {
                     let category = py.get_type::<PalpateWarning>();
-                    let text = CString::new(text.replace('\0', " ")).unwrap_or_default();
+                    let text =
+                        CString::new(in_keywords(&text).replace('\0', " ")).unwrap_or_default();
                     PyErr::warn(py, &category, &text, 1)?;
                 }
             }

@@ -123,7 +123,7 @@ def test_needs_command_torques_are_the_commands(
     np.testing.assert_allclose(ours["statistic"], theirs["statistic"])
 
     # Without `free`, the threshold is that of unfiltered torques.
-    with pytest.warns(palpate.PalpateWarning, match="give --free"):
+    with pytest.warns(palpate.PalpateWarning, match="give `free`"):
         (without,) = palpate.external_torques(pushed, robot, bandwidth_hz=2.0, progress=False)
     assert without["threshold"] != ours["threshold"] and without["wrench"] is None
 
@@ -179,7 +179,7 @@ def test_torques_of_a_link_or_free_log_that_cannot_be_used_are_refused(touches: 
     first = touches[0]
     assert first.time is not None
     short = palpate.Touch(first.q[:200], first.tau[:200], time=first.time[:200])
-    with pytest.raises(palpate.SettingsError, match=r"contact-free logs \(--free\) last less than 5 s"):
+    with pytest.raises(palpate.SettingsError, match=r"contact-free logs \(`free`\) last less than 5 s"):
         palpate.external_torques(touches, free=short, progress=False, touch=TORQUES)
 
 

@@ -271,6 +271,14 @@ impl EvaluationJob<'_> {
             None => {
                 let config = &self.estimators[usize::from(method == Method::Ekf)];
                 let search = self.search(method).expect("asked for what is tuned");
+                let sparse;
+                let tracked = if search.is_quick() {
+                    sparse = TrackedTouches::sparse(self.arm, config, self.touches, &stop)
+                        .map_err(fault)?;
+                    &sparse
+                } else {
+                    tracked
+                };
                 let base = (self.arm, self.touches, tracked);
                 tuner.insert(Tuner::new(base, config, search, &stop, done).map_err(fault)?)
             }
